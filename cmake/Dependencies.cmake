@@ -1,0 +1,27 @@
+# Every find_package of the project is here. All of it comes from Debian 12 (deploy/install-deps.sh).
+find_package(Threads REQUIRED)
+find_package(PkgConfig REQUIRED)
+find_package(absl CONFIG REQUIRED)
+find_package(Protobuf 3.21 REQUIRED)          # module mode: Debian ships no protobuf-config.cmake
+find_package(gRPC 1.51 CONFIG REQUIRED)
+find_package(TBB 2021 CONFIG REQUIRED)        # before OpenVDB, whose FindTBB then finds the target defined
+find_package(fmt 9 CONFIG REQUIRED)
+find_package(spdlog 1.10 CONFIG REQUIRED)
+find_package(CLI11 2.1 CONFIG REQUIRED)
+find_package(nlohmann_json 3.11 CONFIG REQUIRED)
+find_package(zstd 1.5 CONFIG REQUIRED)
+find_package(PNG REQUIRED)
+find_package(JPEG REQUIRED)
+block()                                       # OpenVDB's module folder also holds FindTBB, FindOpenEXR, ...
+  list(PREPEND CMAKE_MODULE_PATH "/usr/lib/${CMAKE_LIBRARY_ARCHITECTURE}/cmake/OpenVDB")
+  find_package(OpenVDB 10 REQUIRED COMPONENTS openvdb)
+endblock()
+# Not find_package(OpenImageIO): Debian's config needs packages that openimageio-dev does not bring.
+pkg_check_modules(OpenImageIO REQUIRED IMPORTED_TARGET GLOBAL OpenImageIO>=2.4 Imath)
+add_library(OpenImageIO::OpenImageIO ALIAS PkgConfig::OpenImageIO)
+if(FOVEA_BUILD_TESTS)
+  find_package(GTest 1.12 CONFIG REQUIRED)
+endif()
+if(FOVEA_BUILD_BENCH)
+  find_package(benchmark 1.7 CONFIG REQUIRED)
+endif()

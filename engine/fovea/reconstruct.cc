@@ -1,0 +1,110 @@
+#include "engine/fovea/reconstruct.h"
+
+#include <algorithm>
+
+#include "engine/base/stopwatch.h"
+#include "engine/wavelet/haar.h"
+
+namespace fovea {
+namespace {
+
+/// LLL_0 grown by the apron, whose values repeat the border.
+StatusOr<Grid> CoarsestGrid(CoefficientSource& source) {
+  const Int3 dims = source.hierarchy().DimsAt(0);
+  Grid inner(Box3::OfSize(dims));
+  FOVEA_RETURN_IF_ERROR(source.ReadCoarse(inner.values));
+  Grid grid(inner.box.Grown(kApron));
+  for (int64_t z = grid.box.lo.z; z < grid.box.hi.z; ++z) {
+    for (int64_t y = grid.box.lo.y; y < grid.box.hi.y; ++y) {
+      for (int64_t x = grid.box.lo.x; x < grid.box.hi.x; ++x) {
+        grid.At(x, y, z) = inner.At(std::clamp<int64_t>(x, 0, dims.x - 1),
+                                    std::clamp<int64_t>(y, 0, dims.y - 1),
+                                    std::clamp<int64_t>(z, 0, dims.z - 1));
+      }
+    }
+  }
+  return grid;
+}
+
+Box3 ParentsOf(const Box3& box) {
+  return {{box.lo.x >> 1, box.lo.y >> 1, box.lo.z >> 1},
+          {(box.hi.x + 1) >> 1, (box.hi.y + 1) >> 1, (box.hi.z + 1) >> 1}};
+}
+
+Grid CopyPart(const Grid& whole, const Box3& box) {
+  Grid part(box);
+  for (int64_t z = box.lo.z; z < box.hi.z; ++z) {
+    for (int64_t y = box.lo.y; y < box.hi.y; ++y) {
+      std::copy_n(whole.Row(y, z) + (box.lo.x - whole.box.lo.x), box.hi.x - box.lo.x,
+                  part.Row(y, z));
+    }
+  }
+  return part;
+}
+
+}  // namespace
+
+StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& retained,
+                                  int threads, ReconstructStats* stats) {
+  ReconstructStats times;
+  Stopwatch watch;
+  const Hierarchy& hierarchy = retained.hierarchy();
+  SuperVoxels result;
+  result.retained = retained;
+  FOVEA_ASSIGN_OR_RETURN(Grid coarsest, CoarsestGrid(source));
+  times.read_ms += watch.RestartMs();
+  result.levels.push_back(std::move(coarsest));
+  std::vector<float> detail;
+  for (int level = 0; level < hierarchy.finest(); ++level) {
+    const Box3& window = retained.window(level);
+    if (window.IsEmpty()) {
+      result.levels.emplace_back();
+      continue;
+    }
+    detail.resize(static_cast<size_t>(7 * window.Volume()));
+    watch.RestartMs();
+    FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
+    times.read_ms += watch.RestartMs();
+    Grid child(retained.box(level + 1).Grown(kApron));
+    wavelet::InverseHaarLevel(result.levels[level], window, detail,
+                              hierarchy.DimsAt(level + 1), threads, &child);
+    result.levels.push_back(std::move(child));
+    times.reconstruct_ms += watch.RestartMs();
+  }
+  if (stats != nullptr) {
+    *stats = times;
+  }
+  return result;
+}
+
+StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,
+                             const RetainedSet* retained) {
+  const Hierarchy& hierarchy = source.hierarchy();
+  std::vector<Box3> boxes(static_cast<size_t>(hierarchy.finest()) + 1);
+  boxes.back() = Intersect(box, Box3::OfSize(hierarchy.dims()));
+  if (boxes.back() != box || box.IsEmpty()) {
+    return InvalidArgument("box {},{},{} to {},{},{} is not within the volume of {} x {} x {} voxels",
+                           box.lo.x, box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z,
+                           hierarchy.dims().x, hierarchy.dims().y, hierarchy.dims().z);
+  }
+  for (int level = hierarchy.finest() - 1; level >= 0; --level) {
+    boxes[level] = ParentsOf(boxes[level + 1]);
+  }
+  Grid grid(Box3::OfSize(hierarchy.DimsAt(0)));
+  FOVEA_RETURN_IF_ERROR(source.ReadCoarse(grid.values));
+  std::vector<float> detail;
+  for (int level = 0; level < hierarchy.finest(); ++level) {
+    const Box3 window =
+        retained != nullptr ? Intersect(boxes[level], retained->window(level)) : boxes[level];
+    detail.resize(static_cast<size_t>(7 * window.Volume()));
+    if (!window.IsEmpty()) {
+      FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
+    }
+    Grid child(boxes[level + 1]);
+    wavelet::InverseHaarLevel(grid, window, detail, hierarchy.DimsAt(level + 1), 0, &child);
+    grid = std::move(child);
+  }
+  return hierarchy.finest() == 0 ? CopyPart(grid, box) : grid;
+}
+
+}  // namespace fovea

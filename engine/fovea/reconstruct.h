@@ -1,0 +1,46 @@
+#ifndef ENGINE_FOVEA_RECONSTRUCT_H_
+#define ENGINE_FOVEA_RECONSTRUCT_H_
+
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/fovea/coefficient_source.h"
+#include "engine/fovea/retained_set.h"
+#include "engine/volume/grid.h"
+
+namespace fovea {
+
+/// Super-voxels beyond the box of each level that rendering may read (bilinear needs 2, gradients
+/// the third).
+inline constexpr int64_t kApron = 3;
+
+/// R(l, x0, r0) for every level: what the renderer draws. Immutable once made; share it freely.
+struct SuperVoxels {
+  RetainedSet retained;
+  /// levels[l].box = B_l grown by kApron on all sides. Inside the volume the apron is the inverse
+  /// transform with zero detail (Haar: a copy of the parent); outside it repeats the border.
+  /// A level whose box is empty has an empty grid.
+  std::vector<Grid> levels;
+};
+
+struct ReconstructStats {
+  double read_ms = 0;         // time in the source
+  double reconstruct_ms = 0;  // inverse transform
+};
+
+/// The reconstruction phase, O(m): the inverse transform of the kept coefficients, level by level
+/// inside the windows only (Yu et al., section 3.1). Values equal the full inverse transform with
+/// every dropped coefficient zero. `threads`: 0 for all processors. Errors are the source's.
+[[nodiscard]] StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source,
+                                                const RetainedSet& retained, int threads,
+                                                ReconstructStats* stats = nullptr);
+
+/// The voxels of `box` (within the volume) from all coefficients that lead to them: the exact
+/// inverse transform. With `retained` given, only its coefficients
+/// count: the foveated volume V_f.
+[[nodiscard]] StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,
+                                           const RetainedSet* retained = nullptr);
+
+}  // namespace fovea
+
+#endif  // ENGINE_FOVEA_RECONSTRUCT_H_

@@ -1,0 +1,29 @@
+#ifndef ENGINE_RENDER_DEFAULTS_H_
+#define ENGINE_RENDER_DEFAULTS_H_
+
+#include <span>
+
+#include "engine/base/status.h"
+#include "engine/fovea/coefficient_source.h"
+#include "engine/render/transfer_function.h"
+#include "engine/volume/brick_grid.h"
+
+/// What a frame shows when nobody said: chosen from a step's statistics and coarse level alone.
+namespace fovea::render {
+
+/// The middle of the densest region of a step, in voxels: the super-voxel of LLL_0, smoothed over
+/// its neighbours, that is farthest from the background (the histogram's fullest bin).
+[[nodiscard]] StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats);
+
+/// 40, or everything where the volume is no larger than that.
+[[nodiscard]] double DefaultRate(const Hierarchy& hierarchy);
+
+/// A transfer function over the series' value range: the background (the fullest bin of the
+/// histograms) transparent, values far from it brighter and more opaque, scaled to the volume's
+/// size so that the picture is neither empty nor a solid block.
+[[nodiscard]] TransferFunction DefaultTransferFunction(std::span<const FieldStats> steps,
+                                                       const Hierarchy& hierarchy);
+
+}  // namespace fovea::render
+
+#endif  // ENGINE_RENDER_DEFAULTS_H_

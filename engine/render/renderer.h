@@ -1,0 +1,64 @@
+#ifndef ENGINE_RENDER_RENDERER_H_
+#define ENGINE_RENDER_RENDERER_H_
+
+#include <cstdint>
+
+#include "engine/base/status.h"
+#include "engine/fovea/reconstruct.h"
+#include "engine/render/image.h"
+#include "engine/render/transfer_function.h"
+#include "engine/render/view.h"
+#include "engine/volume/geometry.h"
+#include "engine/volume/grid.h"
+
+namespace fovea::render {
+
+/// The weighting function D of Yu et al., section 4: multiplies opacity.
+struct Weighting {
+  enum class Kind { kNone, kChop, kFalloff };
+  Kind kind = Kind::kNone;
+  double falloff_per_voxel = 0;  // a in 1/(1 + a * distance in voxels), 0 to 1e6; kFalloff only
+  friend bool operator==(const Weighting&, const Weighting&) = default;
+};
+
+/// kNone: the paper's staircase. kImage: its section 5, space-variant smoothing of the picture.
+/// kFull: thick rays are also split smoothly, so that the foreground of the fovea has no blocks.
+enum class Smoothing { kNone, kImage, kFull };
+
+inline constexpr int kMaxPicturePixels = 16384;  // a side
+
+struct RenderSettings {
+  OrthographicView view;
+  TransferFunction transfer;
+  Weighting weighting;
+  Smoothing smoothing = Smoothing::kFull;
+  int width_px = 512, height_px = 512;  // 1 to kMaxPicturePixels
+  int threads = 0;                      // 0: all processors; the picture does not depend on it
+};
+
+struct RenderStats {
+  uint64_t samples = 0;       // scalar samples classified and composited
+  double render_ms = 0;       // thick rays and combining
+  double smooth_warp_ms = 0;
+};
+
+/// INVALID_ARGUMENT naming field, value and range.
+[[nodiscard]] Status Validate(const RenderSettings& settings);
+
+/// The rendering phase, O(n^2 + m): thick rays through the super-voxels, combined, smoothed and
+/// warped to the picture. Depends on its arguments only, not on threads. Thread-safe.
+[[nodiscard]] StatusOr<Image> RenderFoveated(const SuperVoxels& volume,
+                                             const Matrix4& index_to_world,
+                                             const RenderSettings& settings,
+                                             RenderStats* stats = nullptr);
+
+/// Full-resolution direct rendering (Yu et al., eq. (3), plain loops over every voxel) of a whole
+/// volume, on the same sheared grid and with the same warp: what RenderFoveated is held against.
+/// `fovea` is needed by the weightings only. Ignores `settings.smoothing`. Cost O(n^3).
+[[nodiscard]] StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_world,
+                                              const Vec3& fovea, const RenderSettings& settings,
+                                              RenderStats* stats = nullptr);
+
+}  // namespace fovea::render
+
+#endif  // ENGINE_RENDER_RENDERER_H_

@@ -1,0 +1,89 @@
+#ifndef ENGINE_STORE_DATASET_H_
+#define ENGINE_STORE_DATASET_H_
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/fovea/coefficient_source.h"
+#include "engine/volume/brick_grid.h"
+#include "engine/volume/geometry.h"
+#include "engine/volume/hierarchy.h"
+
+namespace fovea::store {
+
+struct FieldInfo {
+  std::string name;
+  std::string type = "float32";      // of the stored coefficients
+  double minimum = 0, maximum = 0;   // data units, over every committed step
+  friend bool operator==(const FieldInfo&, const FieldInfo&) = default;
+};
+
+/// The `fovea` attributes of the group (docs/formats/store.md).
+struct DatasetInfo {
+  int format_version = 1;
+  std::string wavelet = "haar";
+  Hierarchy hierarchy;               // dims_xyz
+  Int3 origin;                       // source index of voxel (0, 0, 0)
+  Matrix4 index_to_world;            // our voxel coordinates to the world
+  std::string world_unit;            // may be empty: unknown
+  std::string clock;                 // what time 0 is; may be empty
+  std::string retention = "all";
+  int64_t committed_steps = 0;
+  std::string default_field;
+  std::vector<FieldInfo> fields;
+  int64_t chunk_edge = 16;           // detail chunks are [1, 7, c, c, c]: 8, 16 or 32
+};
+
+/// What reading one step cost so far.
+struct ReadStats {
+  uint64_t chunks_read = 0;
+  uint64_t chunks_total = 0;         // stored for this step and field, coarse included
+  uint64_t bytes_read = 0;           // compressed, indexes included
+  uint64_t chunks_damaged = 0;       // failed their checksum and were read as zeros
+};
+
+/// What to do when a detail chunk (or the index of its shard) fails its checksum.
+enum class OnDamage {
+  kFail,   // DATA_LOSS
+  kCount,  // read it as zeros, so that the parent super-voxel stands, and count it
+};
+
+/// One field of one committed step. Window reads touch only the chunks that meet the window; every
+/// checksum on the way is verified: DATA_LOSS names field, step and chunk. A damaged coarse level is
+/// always an error. Thread-safe.
+class StepSource : public CoefficientSource {
+ public:
+  [[nodiscard]] virtual ReadStats read_stats() const = 0;
+};
+
+/// A store opened for reading. Sees the steps that were committed when it was opened or last
+/// refreshed; never half a step. Any number of readers beside one writer. Thread-safe.
+class Dataset {
+ public:
+  /// `path` is the NAME.zarr directory. NOT_FOUND if there is none; FAILED_PRECONDITION if it is
+  /// not a Fovea store or of a newer format; DATA_LOSS if its metadata is damaged.
+  [[nodiscard]] static StatusOr<std::shared_ptr<Dataset>> Open(const std::string& path);
+  virtual ~Dataset() = default;
+
+  [[nodiscard]] virtual const std::string& path() const = 0;
+  /// The state at the last Open or Refresh.
+  [[nodiscard]] virtual DatasetInfo info() const = 0;
+  /// Reads committed_steps and value ranges anew.
+  [[nodiscard]] virtual Status Refresh() = 0;
+
+  /// All of these: OUT_OF_RANGE for a step that is not committed, NOT_FOUND for an unknown field
+  /// (the message lists what there is). Times are nanoseconds, not decreasing.
+  [[nodiscard]] virtual StatusOr<int64_t> TimeNs(int64_t step) = 0;
+  [[nodiscard]] virtual StatusOr<std::optional<int64_t>> FrameNumber(int64_t step) = 0;
+  [[nodiscard]] virtual StatusOr<FieldStats> Stats(int64_t step, const std::string& field) = 0;
+  [[nodiscard]] virtual StatusOr<std::unique_ptr<StepSource>> OpenStep(
+      int64_t step, const std::string& field, OnDamage on_damage) = 0;
+};
+
+}  // namespace fovea::store
+
+#endif  // ENGINE_STORE_DATASET_H_

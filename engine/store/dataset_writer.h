@@ -1,0 +1,45 @@
+#ifndef ENGINE_STORE_DATASET_WRITER_H_
+#define ENGINE_STORE_DATASET_WRITER_H_
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/store/dataset.h"
+#include "engine/volume/coefficient_set.h"
+
+namespace fovea::store {
+
+/// Appends time steps to a store, one commit a step. One writer at a time: the lock says who holds
+/// it (host, process, since when) and goes with its process. A writer that was killed loses at
+/// most the step in hand; the next one sweeps up behind it. Not thread-safe.
+///
+/// Commit order: shards written and flushed, arrays' `t` extended (each zarr.json replaced
+/// atomically), last the group's zarr.json with the new committed_steps.
+class DatasetWriter {
+ public:
+  /// A new, empty store. ALREADY_EXISTS if `path` exists (unless it is an empty directory).
+  /// `info` gives all but committed_steps and value ranges; field names must be usable as folder
+  /// names ([A-Za-z0-9_.-]+, not starting with '.').
+  [[nodiscard]] static StatusOr<std::unique_ptr<DatasetWriter>> Create(const std::string& path,
+                                                                       const DatasetInfo& info);
+  /// Opens an existing store to append. FAILED_PRECONDITION if another writer holds it.
+  [[nodiscard]] static StatusOr<std::unique_ptr<DatasetWriter>> Append(const std::string& path);
+  virtual ~DatasetWriter() = default;
+
+  [[nodiscard]] virtual const DatasetInfo& info() const = 0;
+  /// Writes one field of the step in hand (index committed_steps). Every field once before Commit.
+  [[nodiscard]] virtual Status WriteField(const std::string& field,
+                                          const CoefficientSet& coefficients,
+                                          const FieldStats& stats) = 0;
+  /// Makes the step in hand visible. `time_ns` must not be less than the last step's.
+  /// RESOURCE_EXHAUSTED when the disk is full, and the store stays as it was.
+  [[nodiscard]] virtual Status Commit(int64_t time_ns, std::optional<int64_t> frame_number) = 0;
+};
+
+}  // namespace fovea::store
+
+#endif  // ENGINE_STORE_DATASET_WRITER_H_

@@ -1,0 +1,90 @@
+#ifndef INGEST_INGEST_H_
+#define INGEST_INGEST_H_
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/volume/geometry.h"
+
+/// Foreign files to a coefficient store. Files are parsed in the worker process (fovea-worker),
+/// which only reads and sends sparse blocks; the transform and the store run here.
+namespace fovea::ingest {
+
+/// How headerless voxels lie in a file: x fastest, then y, then z.
+struct RawFormat {
+  Int3 dims;
+  std::string type = "uint8";   // uint8 int8 uint16 int16 uint32 int32 float32 float64
+  bool big_endian = false;
+  int64_t header_bytes = 0;     // skipped at the start of each file
+  int64_t steps_per_file = 1;
+  friend bool operator==(const RawFormat&, const RawFormat&) = default;
+};
+
+/// Reads 'NXxNYxNZ[xSTEPS]:TYPE[:le|be]', e.g. "256x256x225:uint8" or "103x94x161:uint16:be".
+[[nodiscard]] StatusOr<RawFormat> ParseRawFormat(const std::string& text);
+
+/// What to do about a step whose file is not there, or whose file lacks a wanted grid.
+enum class OnMissing {
+  kError,  // stop, naming the file or grid
+  kSkip,   // no step is made of it (a missing grid: of no field of that file)
+  kHold,   // the step before stands in for it
+};
+
+/// Limits of the worker process. The memory limit is 512 MB + 3 x the declared bytes unless set.
+struct WorkerLimits {
+  std::optional<int64_t> memory_bytes;
+  double seconds_per_file = 120;  // wall clock; the worker is killed past it
+};
+
+struct IngestOptions {
+  /// Files, globs, or sequences: smoke_####.vdb, smoke_%04d.vdb, 'smoke_*.vdb'. Natural order.
+  std::vector<std::string> inputs;
+  std::string output;                 // NAME.zarr
+  std::optional<RawFormat> raw;       // inputs are headerless voxels of this format
+  std::vector<std::string> grids;     // VDB: which grids, in order; empty: every scalar grid
+  std::string field = "density";      // raw: the name of the one field
+  Vec3 spacing{1, 1, 1};              // raw: voxel size in the world
+  double frames_per_second = 24;      // time of a step = its number / this
+  bool append = false;                // add steps to an existing store
+  OnMissing on_missing = OnMissing::kError;
+  int64_t chunk_edge = 16;
+  int threads = 0;
+  WorkerLimits worker;
+};
+
+struct IngestReport {
+  int64_t steps = 0;                  // committed by this call
+  Int3 dims;
+  Int3 origin;
+  std::vector<std::string> fields;
+  std::vector<std::string> warnings;  // what was decided for the user, one line each
+  uint64_t input_bytes = 0;
+  uint64_t nonfinite_values = 0;      // NaN and infinity, made background
+  double read_ms = 0, transform_ms = 0, write_ms = 0;
+};
+
+struct IngestProgress {
+  int64_t steps_done = 0, steps_total = 0;
+  std::string now;                    // the file in hand
+};
+
+/// Ingests a whole series: a first pass over the metadata finds fields, extent (the union of the
+/// index boxes over all steps) and the matrix; the second reads, transforms and commits step by
+/// step. What is committed stays, whatever happens later. `progress` returns false to stop
+/// cleanly between steps (CANCELLED). Errors name the file and what to do.
+[[nodiscard]] StatusOr<IngestReport> Ingest(
+    const IngestOptions& options,
+    const std::function<bool(const IngestProgress&)>& progress = nullptr);
+
+/// Writes a linear-light picture as .exr (half RGBA, premultiplied) or .tif (float RGBA) through
+/// the worker; the file appears whole or not at all.
+[[nodiscard]] Status WritePictureFile(const std::string& path, int width, int height,
+                                      const std::vector<float>& rgba);
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_INGEST_H_

@@ -1,0 +1,38 @@
+#ifndef SERVICE_FRAMES_FRAMES_H_
+#define SERVICE_FRAMES_FRAMES_H_
+
+#include <string>
+
+#include "engine/base/status.h"
+#include "engine/store/dataset.h"
+#include "service/frames/spec.h"
+
+/// From a dataset and a spec to the bytes of a frame. The command line and the server both come
+/// through here, so that they give the same pictures. Thread-safe.
+namespace fovea::frames {
+
+/// INVALID_ARGUMENT naming field, value and range, for whatever can be told without a dataset.
+[[nodiscard]] Status ValidateSpec(const FrameSpec& spec);
+
+/// The dataset's own defaults, everything filled in: default field, fovea at the densest region
+/// seen over the series, rate, view, transfer function over the series' value range. Reads
+/// statistics and coarse levels of at most 16 steps. FAILED_PRECONDITION without a step.
+[[nodiscard]] StatusOr<FrameSpec> DefaultSpec(store::Dataset& dataset);
+
+/// `spec` with what it left out taken from `defaults`, positions in voxels, checked against the
+/// dataset. A field other than the default one gets its own transfer function and fovea. Errors as
+/// ValidateSpec; NOT_FOUND for an unknown field, listing those there are.
+[[nodiscard]] StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
+                                              const FrameSpec& defaults);
+
+/// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
+/// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there.
+[[nodiscard]] StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name,
+                                          int64_t step, const FrameSpec& resolved, int threads);
+
+/// The step a time falls on: the last one not after it. OUT_OF_RANGE before the first.
+[[nodiscard]] StatusOr<int64_t> StepAtTime(store::Dataset& dataset, int64_t time_ns);
+
+}  // namespace fovea::frames
+
+#endif  // SERVICE_FRAMES_FRAMES_H_

@@ -1,0 +1,77 @@
+#ifndef SERVICE_FRAMES_SPEC_H_
+#define SERVICE_FRAMES_SPEC_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/render/renderer.h"
+#include "engine/render/transfer_function.h"
+#include "engine/volume/geometry.h"
+
+/// A frame as the command line and the server both understand it: the plain twin of
+/// proto/fovea/v1/render.proto. Everything optional is chosen from the dataset if it is absent.
+namespace fovea::frames {
+
+struct Position {
+  Vec3 at;
+  bool world = false;  // false: voxel coordinates of the dataset
+  friend bool operator==(const Position&, const Position&) = default;
+};
+
+struct ViewSpec {
+  std::optional<double> azimuth_deg, elevation_deg;
+  std::optional<Position> center;
+  std::optional<double> span_voxels;
+  friend bool operator==(const ViewSpec&, const ViewSpec&) = default;
+};
+
+enum class Encoding { kPng, kJpeg, kRawRgba8, kRawRgbaF32 };
+
+struct FrameSpec {
+  std::optional<std::string> field;
+  ViewSpec view;
+  std::optional<Position> fovea;
+  std::optional<double> rate;
+  std::optional<render::TransferFunction> transfer;
+  std::optional<render::Weighting> weighting;
+  std::optional<render::Smoothing> smoothing;
+  std::optional<int64_t> width_px, height_px;   // 1 to 16384; default 512
+  Encoding encoding = Encoding::kPng;
+  std::optional<int64_t> jpeg_quality;          // 1 to 100; default 90
+  std::optional<render::Color> background;      // PNG, JPEG, RAW_RGBA8; default black
+  bool fovea_marker = false;                    // the paper's red dot; not in RAW_RGBA_F32
+  bool strict = false;                          // a damaged chunk is DATA_LOSS, not a warning
+  friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
+};
+
+struct FrameStats {
+  uint64_t coefficients = 0;  // m
+  uint64_t chunks_read = 0, chunks_total = 0, bytes_read = 0;
+  uint64_t super_voxels = 0, samples = 0;
+  double read_ms = 0, reconstruct_ms = 0, render_ms = 0, smooth_warp_ms = 0, encode_ms = 0;
+};
+
+struct Warning {
+  std::string message;
+  uint64_t count = 0;  // damaged chunks
+};
+
+struct Frame {
+  std::string dataset;
+  int64_t step = 0;
+  int64_t time_ns = 0;
+  std::optional<int64_t> frame_number;
+  FrameSpec used;             // nothing left to default: rendered again, it gives the same bytes
+  int width_px = 0, height_px = 0;
+  Encoding encoding = Encoding::kPng;
+  std::string pixels;         // RAW: top row first, R G B A, no padding; F32 little-endian
+  FrameStats stats;
+  uint64_t index = 0;         // within a sequence, from 0
+  std::vector<Warning> warnings;
+};
+
+}  // namespace fovea::frames
+
+#endif  // SERVICE_FRAMES_SPEC_H_
