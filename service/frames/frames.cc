@@ -1,0 +1,110 @@
+#include "service/frames/frames.h"
+
+#include <utility>
+
+#include "engine/base/stopwatch.h"
+#include "engine/fovea/reconstruct.h"
+#include "service/frames/encode.h"
+#include "service/frames/marker.h"
+
+namespace fovea::frames {
+namespace {
+
+render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
+  render::RenderSettings settings;
+  settings.view = {*resolved.view.azimuth_deg, *resolved.view.elevation_deg,
+                   resolved.view.center->at, resolved.view.span_voxels};
+  settings.transfer = *resolved.transfer;
+  settings.weighting = *resolved.weighting;
+  settings.smoothing = *resolved.smoothing;
+  settings.width_px = static_cast<int>(*resolved.width_px);
+  settings.height_px = static_cast<int>(*resolved.height_px);
+  settings.threads = threads;
+  return settings;
+}
+
+void AddReadStats(const store::ReadStats& read, const std::string& field, Frame* frame) {
+  frame->stats.chunks_read = read.chunks_read;
+  frame->stats.chunks_total = read.chunks_total;
+  frame->stats.bytes_read = read.bytes_read;
+  if (read.chunks_damaged > 0) {
+    frame->warnings.push_back(
+        {fmt::format("{} damaged chunks of '{}' at step {} were left out: coarser values show "
+                     "there; `fovea verify` lists them",
+                     read.chunks_damaged, field, frame->step),
+         read.chunks_damaged});
+  }
+}
+
+}  // namespace
+
+StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
+                            const FrameSpec& resolved, int threads) {
+  const store::DatasetInfo info = dataset.info();
+  Frame frame;
+  frame.dataset = dataset_name;
+  frame.step = step;
+  frame.used = resolved;
+  frame.encoding = resolved.encoding;
+  FOVEA_ASSIGN_OR_RETURN(frame.time_ns, dataset.TimeNs(step));
+  FOVEA_ASSIGN_OR_RETURN(frame.frame_number, dataset.FrameNumber(step));
+  FOVEA_ASSIGN_OR_RETURN(
+      const auto source,
+      dataset.OpenStep(step, *resolved.field,
+                       resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
+  FOVEA_ASSIGN_OR_RETURN(
+      const RetainedSet retained,
+      RetainedSet::Make(info.hierarchy, Fovea{resolved.fovea->at, *resolved.rate}));
+
+  ReconstructStats reconstruct_stats;
+  FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
+                         Reconstruct(*source, retained, threads, &reconstruct_stats));
+  AddReadStats(source->read_stats(), *resolved.field, &frame);
+  const render::RenderSettings settings = SettingsOf(resolved, threads);
+  render::RenderStats render_stats;
+  FOVEA_ASSIGN_OR_RETURN(render::Image image, render::RenderFoveated(volume, info.index_to_world,
+                                                                     settings, &render_stats));
+
+  Stopwatch watch;
+  if (resolved.fovea_marker && resolved.encoding != Encoding::kRawRgbaF32) {
+    const auto pixel =
+        render::ProjectToPixel(settings.view, info.hierarchy.dims(), info.index_to_world,
+                               settings.width_px, settings.height_px, resolved.fovea->at);
+    DrawFoveaMarker(&image, pixel[0], pixel[1]);
+  }
+  FOVEA_ASSIGN_OR_RETURN(frame.pixels, Encode(image, resolved.encoding, *resolved.background,
+                                              static_cast<int>(*resolved.jpeg_quality)));
+  frame.width_px = image.width;
+  frame.height_px = image.height;
+  frame.stats.coefficients = static_cast<uint64_t>(retained.CoefficientCount());
+  frame.stats.super_voxels = static_cast<uint64_t>(retained.SuperVoxelCount());
+  frame.stats.samples = render_stats.samples;
+  frame.stats.read_ms = reconstruct_stats.read_ms;
+  frame.stats.reconstruct_ms = reconstruct_stats.reconstruct_ms;
+  frame.stats.render_ms = render_stats.render_ms;
+  frame.stats.smooth_warp_ms = render_stats.smooth_warp_ms;
+  frame.stats.encode_ms = watch.ElapsedMs();
+  return frame;
+}
+
+StatusOr<int64_t> StepAtTime(store::Dataset& dataset, int64_t time_ns) {
+  const int64_t committed = dataset.info().committed_steps;
+  if (committed == 0) {
+    return OutOfRange("time_ns {}: the dataset has no committed step yet", time_ns);
+  }
+  FOVEA_ASSIGN_OR_RETURN(const int64_t first_ns, dataset.TimeNs(0));
+  if (time_ns < first_ns) {
+    return OutOfRange("time_ns {} is before the first step, which is at {} ns", time_ns, first_ns);
+  }
+  // Invariant: low is not after time_ns, high is (or does not exist).
+  int64_t low = 0;
+  int64_t high = committed;
+  while (high - low > 1) {
+    const int64_t middle = low + (high - low) / 2;
+    FOVEA_ASSIGN_OR_RETURN(const int64_t middle_ns, dataset.TimeNs(middle));
+    (middle_ns <= time_ns ? low : high) = middle;
+  }
+  return low;
+}
+
+}  // namespace fovea::frames

@@ -1,0 +1,170 @@
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "engine/render/defaults.h"
+#include "service/frames/frames.h"
+
+namespace fovea::frames {
+namespace {
+
+constexpr int64_t kSampledSteps = 16;
+
+/// A field's statistics at a few steps spread over the series, first and last included.
+struct Sampled {
+  std::vector<int64_t> steps;
+  std::vector<FieldStats> stats;
+};
+
+StatusOr<Sampled> SampleSteps(store::Dataset& dataset, const std::string& field,
+                              int64_t committed) {
+  Sampled sampled;
+  const int64_t count = std::min(committed, kSampledSteps);
+  for (int64_t i = 0; i < count; ++i) {
+    const int64_t step = count == 1 ? 0 : i * (committed - 1) / (count - 1);
+    FOVEA_ASSIGN_OR_RETURN(FieldStats stats, dataset.Stats(step, field));
+    sampled.steps.push_back(step);
+    sampled.stats.push_back(stats);
+  }
+  return sampled;
+}
+
+/// How much there is to see in a step: the voxels' distances from the background value, summed.
+double VisibleMass(const FieldStats& stats, double background) {
+  double mass = 0;
+  const double bin = (stats.maximum - stats.minimum) / 256;
+  for (size_t i = 0; i < stats.histogram.size(); ++i) {
+    const double value = stats.minimum + (static_cast<double>(i) + 0.5) * bin;
+    // Within half a bin of it is the background itself.
+    const double distance = std::abs(value - background);
+    mass += distance <= bin ? 0 : distance * static_cast<double>(stats.histogram[i]);
+  }
+  return mass;
+}
+
+/// The middle of the histogram's fullest bin.
+double BackgroundOf(const FieldStats& stats) {
+  const auto fullest = std::max_element(stats.histogram.begin(), stats.histogram.end());
+  const auto index = static_cast<double>(fullest - stats.histogram.begin());
+  return stats.minimum + (index + 0.5) * (stats.maximum - stats.minimum) / 256;
+}
+
+StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& field) {
+  const store::DatasetInfo info = dataset.info();
+  if (info.committed_steps == 0) {
+    return FailedPrecondition("{} has no committed step yet: nothing can be shown of it",
+                              dataset.path());
+  }
+  FOVEA_ASSIGN_OR_RETURN(const Sampled sampled, SampleSteps(dataset, field, info.committed_steps));
+  size_t fullest = 0;
+  for (size_t i = 1; i < sampled.stats.size(); ++i) {
+    const auto mass = [&](size_t which) {
+      return VisibleMass(sampled.stats[which], BackgroundOf(sampled.stats[which]));
+    };
+    fullest = mass(i) > mass(fullest) ? i : fullest;
+  }
+  FOVEA_ASSIGN_OR_RETURN(const auto source,
+                         dataset.OpenStep(sampled.steps[fullest], field, store::OnDamage::kCount));
+  FOVEA_ASSIGN_OR_RETURN(const Vec3 fovea, render::DefaultFovea(*source, sampled.stats[fullest]));
+
+  const render::OrthographicView view =
+      render::Resolved({}, info.hierarchy.dims(), info.index_to_world);
+  FrameSpec spec;
+  spec.field = field;
+  spec.view = {view.azimuth_deg, view.elevation_deg, Position{*view.center_voxels},
+               *view.span_voxels};
+  spec.fovea = Position{fovea};
+  spec.rate = render::DefaultRate(info.hierarchy);
+  spec.transfer = render::DefaultTransferFunction(sampled.stats, info.hierarchy);
+  spec.weighting = render::Weighting{};
+  spec.smoothing = render::Smoothing::kFull;
+  spec.width_px = 512;
+  spec.height_px = 512;
+  spec.jpeg_quality = 90;
+  spec.background = render::Color{};
+  return spec;
+}
+
+Status CheckField(const store::DatasetInfo& info, const std::string& field) {
+  std::string names;
+  for (const store::FieldInfo& known : info.fields) {
+    if (known.name == field) {
+      return absl::OkStatus();
+    }
+    names += (names.empty() ? "" : ", ") + known.name;
+  }
+  return NotFound("field '{}' is not in this dataset; it has: {}", field, names);
+}
+
+template <typename T>
+void TakeDefault(std::optional<T>* value, const std::optional<T>& fallback) {
+  if (!*value) {
+    *value = fallback;
+  }
+}
+
+Status ToVoxels(const char* name, const Matrix4& index_to_world,
+                std::optional<Position>* position) {
+  if (!(*position)->world) {
+    return absl::OkStatus();
+  }
+  if (index_to_world.Determinant() == 0) {
+    return FailedPrecondition(
+        "{} is given in world units, but the dataset's index_to_world has no inverse; give voxels",
+        name);
+  }
+  *position = Position{index_to_world.Inverse().TransformPoint((*position)->at)};
+  return absl::OkStatus();
+}
+
+Status CheckInside(const Position& given, const Vec3& voxels, const Int3& dims) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(voxels[axis] >= 0 && voxels[axis] <= static_cast<double>(dims[axis]))) {
+      const std::string world =
+          given.world ? fmt::format(" (world {}, {}, {})", given.at.x, given.at.y, given.at.z) : "";
+      return InvalidArgument(
+          "fovea {}, {}, {}{} is outside the volume: x 0 to {}, y 0 to {}, z 0 to {} voxels",
+          voxels.x, voxels.y, voxels.z, world, dims.x, dims.y, dims.z);
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<FrameSpec> DefaultSpec(store::Dataset& dataset) {
+  return DefaultsOfField(dataset, dataset.info().default_field);
+}
+
+StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
+                                const FrameSpec& defaults) {
+  FOVEA_RETURN_IF_ERROR(ValidateSpec(spec));
+  const store::DatasetInfo info = dataset.info();
+  FrameSpec resolved = spec;
+  TakeDefault(&resolved.field, defaults.field);
+  FOVEA_RETURN_IF_ERROR(CheckField(info, *resolved.field));
+  FrameSpec fallback = defaults;
+  if (resolved.field != defaults.field && !(spec.fovea && spec.transfer)) {
+    FOVEA_ASSIGN_OR_RETURN(fallback, DefaultsOfField(dataset, *resolved.field));
+  }
+  TakeDefault(&resolved.view.azimuth_deg, fallback.view.azimuth_deg);
+  TakeDefault(&resolved.view.elevation_deg, fallback.view.elevation_deg);
+  TakeDefault(&resolved.view.center, fallback.view.center);
+  TakeDefault(&resolved.view.span_voxels, fallback.view.span_voxels);
+  TakeDefault(&resolved.fovea, fallback.fovea);
+  TakeDefault(&resolved.rate, fallback.rate);
+  TakeDefault(&resolved.transfer, fallback.transfer);
+  TakeDefault(&resolved.weighting, fallback.weighting);
+  TakeDefault(&resolved.smoothing, fallback.smoothing);
+  TakeDefault(&resolved.width_px, fallback.width_px);
+  TakeDefault(&resolved.height_px, fallback.height_px);
+  TakeDefault(&resolved.jpeg_quality, fallback.jpeg_quality);
+  TakeDefault(&resolved.background, fallback.background);
+  const Position given = *resolved.fovea;
+  FOVEA_RETURN_IF_ERROR(ToVoxels("fovea", info.index_to_world, &resolved.fovea));
+  FOVEA_RETURN_IF_ERROR(ToVoxels("center", info.index_to_world, &resolved.view.center));
+  FOVEA_RETURN_IF_ERROR(CheckInside(given, resolved.fovea->at, info.hierarchy.dims()));
+  return resolved;
+}
+
+}  // namespace fovea::frames
