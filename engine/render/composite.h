@@ -1,0 +1,105 @@
+#ifndef ENGINE_RENDER_COMPOSITE_H_
+#define ENGINE_RENDER_COMPOSITE_H_
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+
+#include "engine/render/renderer.h"
+#include "engine/render/transfer_function.h"
+
+/// The arithmetic of one sample, shared by the thick rays and the reference renderer.
+namespace fovea::render {
+
+/// Premultiplied colour gathered so far and the transmittance left.
+struct Pixel {
+  float red = 0, green = 0, blue = 0, transmittance = 1;
+};
+
+/// `near` over `far`.
+inline Pixel Over(const Pixel& near, const Pixel& far) {
+  const float t = near.transmittance;
+  return {near.red + t * far.red, near.green + t * far.green, near.blue + t * far.blue,
+          t * far.transmittance};
+}
+
+/// exp(x) for x <= 0 within 2 ulp, the same bits on every machine.
+inline float ExpNegative(float x) {
+  if (x < -87.0F) {
+    return 0.0F;
+  }
+  const float t = x * 1.44269504F;
+  const float whole = std::floor(t + 0.5F);
+  const float f = (t - whole) * 0.693147181F;  // 2^fraction = e^f, |f| <= ln(2) / 2
+  float p = 1.0F / 5040;
+  p = p * f + 1.0F / 720;
+  p = p * f + 1.0F / 120;
+  p = p * f + 1.0F / 24;
+  p = p * f + 1.0F / 6;
+  p = p * f + 0.5F;
+  p = p * f + 1.0F;
+  p = p * f + 1.0F;
+  return p * std::bit_cast<float>((static_cast<int32_t>(whole) + 127) << 23);
+}
+
+/// Colour and extinction (per voxel length) of a value, interpolated in the table.
+struct Classified {
+  float red, green, blue, sigma;
+};
+
+inline Classified Classify(const TransferTable::Entry* entries, float offset, float scale,
+                           float value) {
+  // Written so that NaN lands on entry 0.
+  float x = (value - offset) * scale;
+  x = x > 0.0F ? x : 0.0F;
+  x = x < static_cast<float>(TransferTable::kEntries - 1)
+          ? x
+          : static_cast<float>(TransferTable::kEntries - 1);
+  const auto i = static_cast<int32_t>(x);
+  const float f = x - static_cast<float>(i);
+  const TransferTable::Entry& e = entries[i];
+  return {e.red + f * e.red_slope, e.green + f * e.green_slope, e.blue + f * e.blue_slope,
+          e.sigma + f * e.sigma_slope};
+}
+
+/// Composites a slab of optical depth `tau` behind what the pixel holds. Yu et al., eq. (3).
+inline void Accumulate(const Classified& c, float tau, Pixel* pixel) {
+  const float transmitted = ExpNegative(-tau);
+  const float weight = pixel->transmittance * (1.0F - transmitted);
+  pixel->red += weight * c.red;
+  pixel->green += weight * c.green;
+  pixel->blue += weight * c.blue;
+  pixel->transmittance *= transmitted;
+}
+
+/// The weighting D at the samples of one row of one slice. Positions are relative to the fovea, in
+/// world axes, in units of the smallest voxel spacing.
+struct WeightedRow {
+  Weighting weighting;
+  Vec3 first;        // sample of pixel 0
+  Vec3 step;         // to the next pixel's sample
+  Vec3 sight;        // unit direction of sight
+  double length = 0; // path through the slab
+  double nearer_half = 0;  // path from the slab's near face to its sample's slice
+
+  /// The path beyond the chopping plane, which stands before the fovea. Section 4, chop.
+  [[nodiscard]] float KeptLength(int64_t i) const {
+    const double beyond = Dot(first + static_cast<double>(i) * step, sight);
+    const double far_face = beyond - nearer_half + length;
+    return static_cast<float>(std::min(std::max(far_face, 0.0), length));
+  }
+  /// 1 / (1 + a distance). Section 4, falloff.
+  [[nodiscard]] double Falloff(int64_t i) const {
+    return 1 / (1 + weighting.falloff_per_voxel * Length(first + static_cast<double>(i) * step));
+  }
+};
+
+/// Optical depth of a slab of `length` under falloff: T = (1 - D alpha)^length.
+inline float FalloffDepth(float sigma, double falloff, double length) {
+  return static_cast<float>(-length * std::log1p(falloff * std::expm1(-static_cast<double>(sigma))));
+}
+
+}  // namespace fovea::render
+
+#endif  // ENGINE_RENDER_COMPOSITE_H_

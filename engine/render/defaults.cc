@@ -1,0 +1,207 @@
+#include "engine/render/defaults.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+namespace fovea::render {
+namespace {
+
+constexpr int kBins = 1024;
+
+/// The histograms of several steps on one scale.
+struct Distribution {
+  double low = 0, high = 0;
+  std::array<double, kBins> counts{};
+  double total = 0;
+
+  [[nodiscard]] double ValueOf(int bin) const { return low + (high - low) * (bin + 0.5) / kBins; }
+};
+
+Distribution Gather(std::span<const FieldStats> steps) {
+  Distribution all;
+  all.low = steps.front().minimum;
+  all.high = steps.front().maximum;
+  for (const FieldStats& step : steps) {
+    all.low = std::min(all.low, step.minimum);
+    all.high = std::max(all.high, step.maximum);
+  }
+  const double range = all.high - all.low;
+  for (const FieldStats& step : steps) {
+    for (size_t bin = 0; bin < step.histogram.size(); ++bin) {
+      const double value =
+          step.minimum + (step.maximum - step.minimum) * (static_cast<double>(bin) + 0.5) / 256;
+      const double place = range > 0 ? (value - all.low) / range * kBins : 0;
+      const int at = std::clamp(static_cast<int>(place), 0, kBins - 1);
+      all.counts[at] += static_cast<double>(step.histogram[bin]);
+      all.total += static_cast<double>(step.histogram[bin]);
+    }
+  }
+  return all;
+}
+
+/// The middle of the fullest bin, or the end of the range where that bin is the first or last:
+/// a background is mostly exactly there.
+double BackgroundOf(const FieldStats& stats) {
+  const auto fullest = std::max_element(stats.histogram.begin(), stats.histogram.end());
+  const auto bin = fullest - stats.histogram.begin();
+  if (bin == 0) {
+    return stats.minimum;
+  }
+  if (bin == 255) {
+    return stats.maximum;
+  }
+  return stats.minimum + (stats.maximum - stats.minimum) * (static_cast<double>(bin) + 0.5) / 256;
+}
+
+/// One side of the ramp away from the background.
+struct Side {
+  double extent = 0;    // value at full opacity, minus the background; signed
+  double voxels = 0;    // farther from the background than the ramp's foot
+  double strength = 0;  // sum over them of the ramp's opacity at scale 1
+};
+
+constexpr double kFoot = 0.08;  // of the extent: noise of the background stays transparent
+
+double RampOpacity(double fraction) {
+  return fraction <= kFoot ? 0.0 : std::min(1.0, (fraction - kFoot) / (1 - kFoot));
+}
+
+Side MeasureSide(const Distribution& all, double background, double sign) {
+  const double reach = sign > 0 ? all.high - background : background - all.low;
+  Side side;
+  if (reach <= 0.02 * (all.high - all.low)) {
+    return side;
+  }
+  // Full opacity at the value that all but one voxel in a thousand of this side stay below:
+  // a few extreme values must not make the rest invisible.
+  std::array<double, kBins> by_distance{};
+  double beyond_foot = 0;
+  for (int bin = 0; bin < kBins; ++bin) {
+    const double distance = sign * (all.ValueOf(bin) - background);
+    if (distance > kFoot * reach) {
+      const int at = std::min(static_cast<int>(distance / reach * kBins), kBins - 1);
+      by_distance[at] += all.counts[bin];
+      beyond_foot += all.counts[bin];
+    }
+  }
+  if (beyond_foot <= 0) {
+    return side;
+  }
+  double above = 0;
+  int top = kBins - 1;
+  while (top > 0 && above + by_distance[top] < 0.001 * beyond_foot) {
+    above += by_distance[top--];
+  }
+  side.extent = sign * reach * (top + 1) / kBins;
+  for (int bin = 0; bin < kBins; ++bin) {
+    const double opacity = RampOpacity((all.ValueOf(bin) - background) / side.extent);
+    side.voxels += opacity > 0 ? all.counts[bin] : 0;
+    side.strength += opacity * all.counts[bin];
+  }
+  return side;
+}
+
+/// The ramp's colours, from the foot to full opacity: embers to white.
+constexpr std::array<std::pair<double, Color>, 4> kColors = {{
+    {kFoot, {0.18F, 0.05F, 0.03F}},
+    {0.35, {0.75F, 0.22F, 0.05F}},
+    {0.65, {1.0F, 0.62F, 0.18F}},
+    {1.0, {1.0F, 0.95F, 0.85F}},
+}};
+
+/// A value in few digits: defaults are printed for people to copy.
+double Rounded(double value, double range) {
+  const double unit = std::pow(10.0, std::floor(std::log10(range)) - 3);
+  return std::round(value / unit) * unit;
+}
+
+}  // namespace
+
+StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats) {
+  const Hierarchy& hierarchy = source.hierarchy();
+  const Int3 dims = hierarchy.DimsAt(0);
+  Grid coarse(Box3::OfSize(dims));
+  FOVEA_RETURN_IF_ERROR(source.ReadCoarse(coarse.values));
+  const double background = BackgroundOf(stats);
+  double best = -1;
+  Int3 densest;
+  for (int64_t z = 0; z < dims.z; ++z) {
+    for (int64_t y = 0; y < dims.y; ++y) {
+      for (int64_t x = 0; x < dims.x; ++x) {
+        double sum = 0;
+        const Box3 around = Intersect(Box3::OfSize(dims), Box3{{x, y, z}, {x + 1, y + 1, z + 1}}.Grown(1));
+        for (int64_t cz = around.lo.z; cz < around.hi.z; ++cz) {
+          for (int64_t cy = around.lo.y; cy < around.hi.y; ++cy) {
+            for (int64_t cx = around.lo.x; cx < around.hi.x; ++cx) {
+              const double own = cx == x && cy == y && cz == z ? 4 : 1;
+              sum += own * std::abs(coarse.At(cx, cy, cz) - background);
+            }
+          }
+        }
+        if (sum > best) {
+          best = sum;
+          densest = {x, y, z};
+        }
+      }
+    }
+  }
+  Vec3 fovea;
+  const auto width = static_cast<double>(hierarchy.WidthAt(0));
+  for (int axis = 0; axis < 3; ++axis) {
+    fovea[axis] = std::min((static_cast<double>(densest[axis]) + 0.5) * width,
+                           static_cast<double>(hierarchy.dims()[axis]));
+  }
+  return fovea;
+}
+
+double DefaultRate(const Hierarchy& hierarchy) {
+  return static_cast<double>(std::min<int64_t>(40, hierarchy.dims().Max()));
+}
+
+TransferFunction DefaultTransferFunction(std::span<const FieldStats> steps,
+                                         const Hierarchy& hierarchy) {
+  constexpr double kTargetDepth = 3;  // optical depth of a ray through the middle of the object
+  if (steps.empty()) {
+    return {{{0, {1, 1, 1}, 0}}};
+  }
+  const Distribution all = Gather(steps);
+  FieldStats fullest = steps.front();
+  for (const FieldStats& step : steps) {
+    if (*std::max_element(step.histogram.begin(), step.histogram.end()) >
+        *std::max_element(fullest.histogram.begin(), fullest.histogram.end())) {
+      fullest = step;
+    }
+  }
+  const double background = BackgroundOf(fullest);
+  const Side below = MeasureSide(all, background, -1);
+  const Side above = MeasureSide(all, background, 1);
+  const double voxels = below.voxels + above.voxels;
+  if (voxels <= 0) {
+    return {{{background, {1, 1, 1}, 0}}};
+  }
+  // A compact object of that many voxels is about this long to look through.
+  const double share = voxels / all.total;
+  const double path = static_cast<double>(hierarchy.dims().Max()) * std::cbrt(share);
+  const double mean_opacity = (below.strength + above.strength) / voxels;
+  const double sigma = kTargetDepth / std::max(path * mean_opacity, 1.0);
+  const double most = std::round(1000 * std::clamp(1 - std::exp(-sigma), 0.002, 0.95)) / 1000;
+
+  TransferFunction transfer;
+  const auto add = [&](double fraction, double extent, const Color& color) {
+    const double value = Rounded(background + fraction * extent, all.high - all.low);
+    transfer.points.push_back({value, color, static_cast<float>(most * RampOpacity(fraction))});
+  };
+  for (auto color = kColors.rbegin(); below.extent != 0 && color != kColors.rend(); ++color) {
+    add(color->first, below.extent, color->second);
+  }
+  for (const auto& [fraction, color] : kColors) {
+    if (above.extent != 0) {
+      add(fraction, above.extent, color);
+    }
+  }
+  return transfer;
+}
+
+}  // namespace fovea::render

@@ -1,0 +1,136 @@
+// Full-resolution direct rendering: the plain loops that thick rays are held against.
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "engine/base/parallel.h"
+#include "engine/base/stopwatch.h"
+#include "engine/render/composite.h"
+#include "engine/render/renderer.h"
+#include "engine/render/thick_ray.h"
+#include "engine/render/warp.h"
+
+namespace fovea::render {
+namespace {
+
+/// The value of a slice at (u, v) in cell-centre coordinates, the border repeated outside.
+class SliceSampler {
+ public:
+  SliceSampler(const Grid& voxels, const ShearView& view) : voxels_(voxels), view_(view) {
+    const Int3 size = voxels.box.Size();
+    const int64_t strides[3] = {1, size.x, size.x * size.y};
+    size_u_ = size[view.axis_u];
+    size_v_ = size[view.axis_v];
+    stride_u_ = strides[view.axis_u];
+    stride_v_ = strides[view.axis_v];
+    stride_k_ = strides[view.axis_k];
+  }
+
+  [[nodiscard]] float At(int64_t u, int64_t v, int64_t k, float fu, float fv) const {
+    const int64_t u0 = std::clamp<int64_t>(u, 0, size_u_ - 1) * stride_u_;
+    const int64_t u1 = std::clamp<int64_t>(u + 1, 0, size_u_ - 1) * stride_u_;
+    const int64_t v0 = std::clamp<int64_t>(v, 0, size_v_ - 1) * stride_v_;
+    const int64_t v1 = std::clamp<int64_t>(v + 1, 0, size_v_ - 1) * stride_v_;
+    const float* slice = voxels_.values.data() + k * stride_k_;
+    const float near = (1 - fu) * slice[u0 + v0] + fu * slice[u1 + v0];
+    const float far = (1 - fu) * slice[u0 + v1] + fu * slice[u1 + v1];
+    return (1 - fv) * near + fv * far;
+  }
+
+ private:
+  const Grid& voxels_;
+  const ShearView& view_;
+  int64_t size_u_ = 0, size_v_ = 0, stride_u_ = 0, stride_v_ = 0, stride_k_ = 0;
+};
+
+/// The optical depth of one voxel-thick slab at pixel i.
+float OpticalDepth(const WeightedRow& row, float sigma, int64_t i) {
+  switch (row.weighting.kind) {
+    case Weighting::Kind::kNone:
+      return sigma * static_cast<float>(row.length);
+    case Weighting::Kind::kChop:
+      return sigma * row.KeptLength(i);
+    case Weighting::Kind::kFalloff:
+      return FalloffDepth(sigma, row.Falloff(i), row.length);
+  }
+  return 0;
+}
+
+/// Pixels of one voxel, around every ray that meets the volume.
+Rect SheetRect(const Int3& dims, const ShearView& view) {
+  const auto range = [&](int64_t size, double slope, int64_t* lo, int64_t* hi) {
+    const double drift = slope * static_cast<double>(dims[view.axis_k]);
+    *lo = static_cast<int64_t>(std::floor(-std::max(drift, 0.0)));
+    *hi = size + static_cast<int64_t>(std::ceil(-std::min(drift, 0.0)));
+  };
+  Rect rect;
+  range(dims[view.axis_u], view.slope_u, &rect.u0, &rect.u1);
+  range(dims[view.axis_v], view.slope_v, &rect.v0, &rect.v1);
+  return rect;
+}
+
+}  // namespace
+
+StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_world,
+                                const Vec3& fovea, const RenderSettings& settings,
+                                RenderStats* stats) {
+  FOVEA_RETURN_IF_ERROR(Validate(settings));
+  Stopwatch watch;
+  const Int3 dims = voxels.box.Size();
+  const ShearView view =
+      FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
+  const TransferTable table(settings.transfer);
+  const SliceSampler sampler(voxels, view);
+  PyramidLevel sheet;
+  sheet.plan.rect = SheetRect(dims, view);
+  const Rect& rect = sheet.plan.rect;
+  sheet.values.resize(static_cast<size_t>(rect.Width() * rect.Height()));
+  sheet.present.assign(sheet.values.size(), 1);
+  sheet.split.assign(sheet.values.size(), 0);
+  std::atomic<uint64_t> samples{0};
+  ParallelFor(rect.v0, rect.v1, 8, settings.threads, [&](int64_t first, int64_t last) {
+    uint64_t counted = 0;
+    std::vector<Pixel> pixels(static_cast<size_t>(rect.Width()));
+    for (int64_t v = first; v < last; ++v) {
+      std::fill(pixels.begin(), pixels.end(), Pixel{});
+      const int64_t count = dims[view.axis_k];
+      for (int64_t n = 0; n < count; ++n) {
+        const int64_t k = view.ascending ? n : count - 1 - n;
+        const double z = static_cast<double>(k) + 0.5;
+        const SliceShift shift{view.slope_u * z, view.slope_v * z};
+        const Rect inside =
+            PixelsInside(0, static_cast<double>(dims[view.axis_u]), 0,
+                         static_cast<double>(dims[view.axis_v]), shift);
+        if (v < inside.v0 || v >= inside.v1) {
+          continue;
+        }
+        const WeightedRow row =
+            MakeWeightedRow(view, index_to_world, fovea, settings.weighting, v, k, 1, 1);
+        const double floor_u = std::floor(shift.u);
+        const double floor_v = std::floor(shift.v);
+        const auto fu = static_cast<float>(shift.u - floor_u);
+        const auto fv = static_cast<float>(shift.v - floor_v);
+        for (int64_t u = inside.u0; u < inside.u1; ++u) {
+          const float value = sampler.At(u + static_cast<int64_t>(floor_u),
+                                         v + static_cast<int64_t>(floor_v), k, fu, fv);
+          const Classified c = Classify(table.entries(), table.offset(), table.scale(), value);
+          Accumulate(c, OpticalDepth(row, c.sigma, u), &pixels[u - rect.u0]);
+        }
+        counted += static_cast<uint64_t>(std::max<int64_t>(0, inside.u1 - inside.u0));
+      }
+      for (int64_t u = rect.u0; u < rect.u1; ++u) {
+        const Pixel& p = pixels[u - rect.u0];
+        sheet.values[sheet.Index(u, v)] = {p.red, p.green, p.blue, 1 - p.transmittance};
+      }
+    }
+    samples += counted;
+  });
+  const double render_ms = watch.RestartMs();
+  Image image = WarpLeaves({sheet}, view, settings.width_px, settings.height_px, settings.threads);
+  if (stats != nullptr) {
+    *stats = {samples, render_ms, watch.RestartMs()};
+  }
+  return image;
+}
+
+}  // namespace fovea::render

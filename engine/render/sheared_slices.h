@@ -1,0 +1,82 @@
+#ifndef ENGINE_RENDER_SHEARED_SLICES_H_
+#define ENGINE_RENDER_SHEARED_SLICES_H_
+
+#include <vector>
+
+#include "engine/fovea/reconstruct.h"
+#include "engine/render/view.h"
+#include "engine/volume/grid.h"
+
+/// Which pixels of the sheared (intermediate) images meet which slices, and on which side of the
+/// window: the geometry of thick rays, without any values.
+namespace fovea::render {
+
+/// A half-open rectangle of pixels of one level's intermediate image.
+struct Rect {
+  int64_t u0 = 0, u1 = 0, v0 = 0, v1 = 0;
+  [[nodiscard]] bool IsEmpty() const { return u1 <= u0 || v1 <= v0; }
+  [[nodiscard]] int64_t Width() const { return u1 - u0; }
+  [[nodiscard]] int64_t Height() const { return v1 - v0; }
+  [[nodiscard]] bool Contains(int64_t u, int64_t v) const {
+    return u >= u0 && u < u1 && v >= v0 && v < v1;
+  }
+  friend bool operator==(const Rect&, const Rect&) = default;
+};
+
+[[nodiscard]] Rect Intersect(const Rect& a, const Rect& b);
+/// The same region in pixels half as wide.
+[[nodiscard]] Rect Doubled(const Rect& rect);
+
+/// Slices of a grid along the principal axis, rows contiguous along u. For principal axis x the
+/// values are copied, turned; otherwise this only points into the grid, which must outlive it.
+class SliceView {
+ public:
+  SliceView(const Grid& grid, const ShearView& view, int threads);
+  /// The value at u of row v of slice k is Row(v, k)[u]; all in the grid's coordinates.
+  [[nodiscard]] const float* Row(int64_t v, int64_t k) const {
+    return base_ + v * row_stride_ + k * slice_stride_;
+  }
+
+ private:
+  std::vector<float> turned_;
+  const float* base_ = nullptr;  // of the position (0, 0, 0), which may lie outside
+  int64_t row_stride_ = 0, slice_stride_ = 0;
+};
+
+/// Where a slice at height z (level-l units) samples: pixel i stands at i + 1/2 + shift_u.
+struct SliceShift {
+  double u = 0, v = 0;
+};
+
+/// The pixels of a slice whose centres lie inside [lo_u, hi_u) x [lo_v, hi_v) (level units).
+[[nodiscard]] Rect PixelsInside(double lo_u, double hi_u, double lo_v, double hi_v,
+                                const SliceShift& shift);
+
+/// One slice of one level. Slices are stored by k in storage order.
+struct SlicePlan {
+  int64_t k = 0;
+  SliceShift shift;
+  Rect owned;       // what levels below and at this one draw in this slice
+  Rect child;       // R: the part of it that the next level draws; may be empty
+  Rect back;        // columns back.u0..u1 and rows back.v0..v1 that lie beyond a leaving edge
+  enum class Place { kBefore, kWithin, kBehind } place = Place::kBefore;  // the window's slices
+  Rect in_volume;   // pixels whose centre lies inside the volume
+  double thickness = 1;  // of the slab, in this level's voxels: less than 1 at the far border
+};
+
+/// One level of the intermediate image: its pixels and its slices, first the nearest to the viewer.
+struct LevelPlan {
+  int level = 0;
+  int64_t width = 1;  // w: voxels a pixel
+  Rect rect;
+  /// Sides of rect beyond which there is no volume (else: a coarser level's pixels).
+  bool void_u0 = true, void_u1 = true, void_v0 = true, void_v1 = true;
+  std::vector<SlicePlan> slices;
+};
+
+/// Levels 0, 1, ... as far as any pixel is owned. ALGORITHM: ownership, front or back.
+[[nodiscard]] std::vector<LevelPlan> PlanLevels(const RetainedSet& retained, const ShearView& view);
+
+}  // namespace fovea::render
+
+#endif  // ENGINE_RENDER_SHEARED_SLICES_H_

@@ -1,0 +1,49 @@
+#ifndef ENGINE_RENDER_THICK_RAY_H_
+#define ENGINE_RENDER_THICK_RAY_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "engine/fovea/reconstruct.h"
+#include "engine/render/composite.h"
+#include "engine/render/renderer.h"
+#include "engine/render/sheared_slices.h"
+#include "engine/render/view.h"
+
+namespace fovea::render {
+
+/// One level of the intermediate image. Arrays are row by row over plan.rect.
+struct Layer {
+  LevelPlan plan;
+  /// Front F and back K of every pixel: what this level drew before and behind what its window's
+  /// children draw. After Combine they hold all that lies before and behind, coarser levels too.
+  std::vector<Pixel> front, back;
+  /// The depth composited into each, in this level's slices.
+  std::vector<float> front_depth, back_depth;
+  /// Whether the next level draws part of this pixel's ray: it has four children there.
+  std::vector<uint8_t> split;
+
+  [[nodiscard]] size_t Index(int64_t u, int64_t v) const {
+    return static_cast<size_t>((v - plan.rect.v0) * plan.rect.Width() + u - plan.rect.u0);
+  }
+  [[nodiscard]] bool IsSplit(int64_t u, int64_t v) const {
+    return plan.rect.Contains(u, v) && split[Index(u, v)] != 0;
+  }
+};
+
+/// Traces the thick rays of every level through the super-voxels it owns. Yu et al., section 3.1;
+/// `over` being associative, F and K stand for the forward and backward traces and need no line
+/// where they meet. `samples`, if given, counts the samples classified.
+[[nodiscard]] std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const ShearView& view,
+                                                const Matrix4& index_to_world,
+                                                const RenderSettings& settings, uint64_t* samples);
+
+/// The weighting along a row: pixel i of row v of a slice at height (k + 1/2), pixels `width`
+/// voxels wide. `thickness` is the slab's, in slices of that width.
+[[nodiscard]] WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world,
+                                          const Vec3& fovea, const Weighting& weighting, int64_t v,
+                                          int64_t k, double width, double thickness);
+
+}  // namespace fovea::render
+
+#endif  // ENGINE_RENDER_THICK_RAY_H_
