@@ -1,0 +1,85 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "service/wire/convert.h"
+
+namespace fovea::wire {
+namespace {
+
+/// The matrix, or INTERNAL.
+StatusOr<Matrix4> MatrixFromProto(const v1::Dataset& proto) {
+  Matrix4 matrix;
+  const auto& values = proto.index_to_world();
+  if (values.size() != static_cast<int>(matrix.m.size()) ||
+      !std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); })) {
+    return Internal("dataset '{}' with an index_to_world that is not 16 finite numbers",
+                    proto.name());
+  }
+  std::copy(values.begin(), values.end(), matrix.m.begin());
+  return matrix;
+}
+
+}  // namespace
+
+v1::Dataset ToProto(const DatasetSummary& summary) {
+  const store::DatasetInfo& info = summary.info;
+  v1::Dataset proto;
+  proto.set_name(summary.name);
+  proto.set_nx(static_cast<uint32_t>(info.hierarchy.dims().x));
+  proto.set_ny(static_cast<uint32_t>(info.hierarchy.dims().y));
+  proto.set_nz(static_cast<uint32_t>(info.hierarchy.dims().z));
+  proto.set_committed_steps(static_cast<uint64_t>(info.committed_steps));
+  for (const store::FieldInfo& field : info.fields) {
+    v1::Dataset::Field& out = *proto.add_fields();
+    out.set_name(field.name);
+    out.set_type(field.type);
+    out.set_minimum(field.minimum);
+    out.set_maximum(field.maximum);
+  }
+  proto.set_default_field(info.default_field);
+  proto.set_wavelet(info.wavelet);
+  proto.mutable_index_to_world()->Add(info.index_to_world.m.begin(), info.index_to_world.m.end());
+  proto.set_world_unit(info.world_unit);
+  proto.set_first_time_ns(summary.first_time_ns);
+  proto.set_last_time_ns(summary.last_time_ns);
+  if (summary.default_spec) {
+    *proto.mutable_default_spec() = ToProto(*summary.default_spec);
+  }
+  return proto;
+}
+
+StatusOr<DatasetSummary> FromProto(const v1::Dataset& proto) {
+  DatasetSummary summary;
+  summary.name = proto.name();
+  store::DatasetInfo& info = summary.info;
+  auto hierarchy = Hierarchy::Make({proto.nx(), proto.ny(), proto.nz()});
+  if (!hierarchy.ok()) {
+    return Internal("dataset '{}': {}", proto.name(), MessageOf(hierarchy.status()));
+  }
+  if (proto.committed_steps() > static_cast<uint64_t>(std::numeric_limits<int64_t>::max())) {
+    return Internal("dataset '{}' with {} steps", proto.name(), proto.committed_steps());
+  }
+  info.hierarchy = *hierarchy;
+  info.committed_steps = static_cast<int64_t>(proto.committed_steps());
+  for (const v1::Dataset::Field& field : proto.fields()) {
+    info.fields.push_back({field.name(), field.type(), field.minimum(), field.maximum()});
+  }
+  info.default_field = proto.default_field();
+  info.wavelet = proto.wavelet();
+  FOVEA_ASSIGN_OR_RETURN(info.index_to_world, MatrixFromProto(proto));
+  info.world_unit = proto.world_unit();
+  summary.first_time_ns = proto.first_time_ns();
+  summary.last_time_ns = proto.last_time_ns();
+  if (proto.has_default_spec()) {
+    auto spec = FromProto(proto.default_spec(), "default_spec");
+    if (!spec.ok()) {
+      return Internal("dataset '{}': {}", proto.name(), MessageOf(spec.status()));
+    }
+    summary.default_spec = *std::move(spec);
+  }
+  return summary;
+}
+
+}  // namespace fovea::wire

@@ -1,0 +1,124 @@
+#include <limits>
+#include <utility>
+
+#include "engine/render/renderer.h"
+#include "service/wire/convert.h"
+
+namespace fovea::wire {
+namespace {
+
+v1::FrameStats ToProto(const frames::FrameStats& stats) {
+  v1::FrameStats proto;
+  proto.set_coefficients(stats.coefficients);
+  proto.set_chunks_read(stats.chunks_read);
+  proto.set_chunks_total(stats.chunks_total);
+  proto.set_bytes_read(stats.bytes_read);
+  proto.set_super_voxels(stats.super_voxels);
+  proto.set_samples(stats.samples);
+  proto.set_read_ms(stats.read_ms);
+  proto.set_reconstruct_ms(stats.reconstruct_ms);
+  proto.set_render_ms(stats.render_ms);
+  proto.set_smooth_warp_ms(stats.smooth_warp_ms);
+  proto.set_encode_ms(stats.encode_ms);
+  return proto;
+}
+
+frames::FrameStats FromProto(const v1::FrameStats& proto) {
+  frames::FrameStats stats;
+  stats.coefficients = proto.coefficients();
+  stats.chunks_read = proto.chunks_read();
+  stats.chunks_total = proto.chunks_total();
+  stats.bytes_read = proto.bytes_read();
+  stats.super_voxels = proto.super_voxels();
+  stats.samples = proto.samples();
+  stats.read_ms = proto.read_ms();
+  stats.reconstruct_ms = proto.reconstruct_ms();
+  stats.render_ms = proto.render_ms();
+  stats.smooth_warp_ms = proto.smooth_warp_ms();
+  stats.encode_ms = proto.encode_ms();
+  return stats;
+}
+
+/// Whether the pixels can be what size and encoding say; compressed ones are known by their first
+/// bytes.
+Status CheckPixels(const v1::Frame& proto, frames::Encoding encoding) {
+  const int64_t width = proto.width_px();
+  const int64_t height = proto.height_px();
+  const auto size = static_cast<int64_t>(proto.pixels().size());
+  if (width < 1 || width > render::kMaxPicturePixels || height < 1 ||
+      height > render::kMaxPicturePixels) {
+    return Internal("a frame of {} x {} pixels, outside 1 to {}", width, height,
+                    render::kMaxPicturePixels);
+  }
+  if (const int64_t pixel_bytes = RawPixelBytes(encoding); pixel_bytes != 0) {
+    if (size != pixel_bytes * width * height) {
+      return Internal("a frame of {} x {} pixels at {} bytes came with {} bytes", width, height,
+                      pixel_bytes, size);
+    }
+    return absl::OkStatus();
+  }
+  const bool png = encoding == frames::Encoding::kPng;
+  if (!proto.pixels().starts_with(png ? "\x89PNG\r\n\x1a\n" : "\xff\xd8\xff")) {
+    return Internal("a frame said to be {} does not start like one", png ? "PNG" : "JPEG");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+v1::Frame ToProto(frames::Frame frame) {
+  v1::Frame proto;
+  proto.set_dataset(std::move(frame.dataset));
+  proto.set_step(static_cast<uint64_t>(frame.step));
+  proto.set_time_ns(frame.time_ns);
+  if (frame.frame_number) {
+    proto.set_frame_number(*frame.frame_number);
+  }
+  *proto.mutable_used() = ToProto(frame.used);
+  proto.set_width_px(static_cast<uint32_t>(frame.width_px));
+  proto.set_height_px(static_cast<uint32_t>(frame.height_px));
+  proto.set_encoding(ToProto(frame.encoding));
+  proto.set_pixels(std::move(frame.pixels));
+  *proto.mutable_stats() = ToProto(frame.stats);
+  proto.set_index(frame.index);
+  for (frames::Warning& warning : frame.warnings) {
+    v1::Warning& out = *proto.add_warnings();
+    out.set_code(v1::Warning::DATA_LOSS);
+    out.set_message(std::move(warning.message));
+    out.set_count(warning.count);
+  }
+  return proto;
+}
+
+StatusOr<frames::Frame> FromProto(v1::Frame proto) {
+  frames::Frame frame;
+  auto encoding = EncodingFromProto(proto.encoding(), "encoding");
+  auto used = FromProto(proto.used(), "used");
+  if (!encoding.ok() || !used.ok()) {
+    const Status& status = encoding.ok() ? used.status() : encoding.status();
+    return Internal("a frame that this client does not understand: {}", MessageOf(status));
+  }
+  FOVEA_RETURN_IF_ERROR(CheckPixels(proto, *encoding));
+  if (proto.step() > static_cast<uint64_t>(std::numeric_limits<int64_t>::max())) {
+    return Internal("a frame of step {}", proto.step());
+  }
+  frame.dataset = proto.dataset();
+  frame.step = static_cast<int64_t>(proto.step());
+  frame.time_ns = proto.time_ns();
+  if (proto.has_frame_number()) {
+    frame.frame_number = proto.frame_number();
+  }
+  frame.used = *std::move(used);
+  frame.width_px = static_cast<int>(proto.width_px());
+  frame.height_px = static_cast<int>(proto.height_px());
+  frame.encoding = *encoding;
+  frame.pixels = std::move(*proto.mutable_pixels());
+  frame.stats = FromProto(proto.stats());
+  frame.index = proto.index();
+  for (const v1::Warning& warning : proto.warnings()) {
+    frame.warnings.push_back({warning.message(), warning.count()});
+  }
+  return frame;
+}
+
+}  // namespace fovea::wire

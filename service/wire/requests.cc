@@ -1,0 +1,129 @@
+#include "service/wire/requests.h"
+
+#include <algorithm>
+
+#include "service/wire/convert.h"
+#include "service/wire/status.h"
+
+namespace fovea::wire {
+namespace {
+
+constexpr std::string_view kPageTokenPrefix = "after:";
+
+Status CheckDatasetName(const std::string& name) {
+  if (name.empty()) {
+    return BadField("dataset", "is empty; ListDatasets says which there are");
+  }
+  return absl::OkStatus();
+}
+
+bool IsStreamIdCharacter(char c) {
+  return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' ||
+         c == '-';
+}
+
+Status CheckPacing(const v1::RenderSequenceRequest& proto) {
+  if (proto.window() > kMaxWindow) {
+    return BadField("window", fmt::format("{} is outside 0 to {}", proto.window(), kMaxWindow));
+  }
+  const std::string& id = proto.stream_id();
+  if (id.empty() && proto.window() == 0) {
+    return absl::OkStatus();
+  }
+  if (id.size() < 16 || id.size() > 64 || !std::all_of(id.begin(), id.end(), IsStreamIdCharacter)) {
+    return BadField("stream_id",
+                    fmt::format("'{}' is not 16 to 64 of A-Z a-z 0-9 _ -; a window above 0 needs a "
+                                "random one, to acknowledge by",
+                                Printable(id)));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<FrameRequest> FromProto(const v1::RenderFrameRequest& proto) {
+  FOVEA_RETURN_IF_ERROR(CheckDatasetName(proto.dataset()));
+  FrameRequest request;
+  request.dataset = proto.dataset();
+  request.step = proto.step();
+  if (proto.has_time_ns()) {
+    request.time_ns = proto.time_ns();
+  }
+  FOVEA_ASSIGN_OR_RETURN(request.spec, FromProto(proto.spec(), "spec"));
+  return request;
+}
+
+StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto) {
+  FOVEA_RETURN_IF_ERROR(CheckDatasetName(proto.dataset()));
+  FOVEA_RETURN_IF_ERROR(CheckPacing(proto));
+  const v1::StepRange& steps = proto.steps();
+  if (steps.has_stride() && steps.stride() == 0) {
+    return BadField("steps.stride", "0 is outside its range, from 1");
+  }
+  if (steps.has_last() && steps.last() < steps.first()) {
+    return BadField("steps.last",
+                    fmt::format("{} is before steps.first, {}", steps.last(), steps.first()));
+  }
+  SequenceRequest request;
+  request.dataset = proto.dataset();
+  request.first = steps.first();
+  if (steps.has_last()) {
+    request.last = steps.last();
+  }
+  request.stride = steps.has_stride() ? steps.stride() : 1;
+  FOVEA_ASSIGN_OR_RETURN(request.spec, FromProto(proto.spec(), "spec"));
+  request.start_index = proto.start_index();
+  request.window = proto.window();
+  request.stream_id = proto.stream_id();
+  return request;
+}
+
+StatusOr<ListRequest> FromProto(const v1::ListDatasetsRequest& proto) {
+  ListRequest request;
+  if (proto.page_size() > kMaxPageSize) {
+    return BadField("page_size",
+                    fmt::format("{} is outside 0 to {}", proto.page_size(), kMaxPageSize));
+  }
+  request.page_size = proto.page_size() == 0 ? kDefaultPageSize : proto.page_size();
+  if (!proto.page_token().empty()) {
+    if (!proto.page_token().starts_with(kPageTokenPrefix)) {
+      return BadField("page_token", fmt::format("'{}' is no next_page_token of this server",
+                                                Printable(proto.page_token())));
+    }
+    request.after = proto.page_token().substr(kPageTokenPrefix.size());
+  }
+  return request;
+}
+
+std::string PageTokenAfter(const std::string& name) { return std::string(kPageTokenPrefix) + name; }
+
+Status CheckStep(const std::string& dataset, uint64_t step, int64_t committed_steps) {
+  if (committed_steps == 0) {
+    return OutOfRange("step {} is not there: dataset '{}' has no committed step yet", step,
+                      dataset);
+  }
+  if (step >= static_cast<uint64_t>(committed_steps)) {
+    return OutOfRange("step {} is not there: dataset '{}' has steps 0 to {}", step, dataset,
+                      committed_steps - 1);
+  }
+  return absl::OkStatus();
+}
+
+StatusOr<StepSeries> ResolveSteps(const SequenceRequest& request, int64_t committed_steps) {
+  FOVEA_RETURN_IF_ERROR(CheckStep(request.dataset, request.first, committed_steps));
+  const uint64_t last = request.last.value_or(static_cast<uint64_t>(committed_steps) - 1);
+  FOVEA_RETURN_IF_ERROR(CheckStep(request.dataset, last, committed_steps));
+  StepSeries series;
+  series.first = static_cast<int64_t>(request.first);
+  // A stride past the end is one step; cut before the cast.
+  series.stride =
+      static_cast<int64_t>(std::min(request.stride, static_cast<uint64_t>(committed_steps)));
+  series.count = (static_cast<int64_t>(last) - series.first) / series.stride + 1;
+  if (request.start_index > static_cast<uint64_t>(series.count)) {
+    return BadField("start_index", fmt::format("{} is outside 0 to {}, the frames of the range",
+                                               request.start_index, series.count));
+  }
+  return series;
+}
+
+}  // namespace fovea::wire

@@ -1,0 +1,68 @@
+#ifndef SERVICE_WIRE_REQUESTS_H_
+#define SERVICE_WIRE_REQUESTS_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "engine/base/status.h"
+#include "fovea/v1/datasets.pb.h"
+#include "fovea/v1/render.pb.h"
+#include "service/frames/spec.h"
+
+/// Requests as plain structs, checked: what can be told without looking at a dataset has been. All
+/// errors are INVALID_ARGUMENT and point at the field. Thread-safe.
+namespace fovea::wire {
+
+inline constexpr uint32_t kMaxWindow = 64;
+inline constexpr uint32_t kMaxPageSize = 1000;
+inline constexpr uint32_t kDefaultPageSize = 100;
+
+struct FrameRequest {
+  std::string dataset;
+  uint64_t step = 0;
+  std::optional<int64_t> time_ns;  // instead of the step
+  frames::FrameSpec spec;
+};
+
+struct SequenceRequest {
+  std::string dataset;
+  uint64_t first = 0;
+  std::optional<uint64_t> last;    // included; not below `first`
+  uint64_t stride = 1;             // at least 1
+  frames::FrameSpec spec;
+  uint64_t start_index = 0;
+  uint32_t window = 0;             // 0: no acknowledgements
+  std::string stream_id;           // may be empty if window is 0
+};
+
+struct ListRequest {
+  uint32_t page_size = kDefaultPageSize;
+  std::string after;               // names up to this one have been listed
+};
+
+[[nodiscard]] StatusOr<FrameRequest> FromProto(const v1::RenderFrameRequest& proto);
+[[nodiscard]] StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto);
+[[nodiscard]] StatusOr<ListRequest> FromProto(const v1::ListDatasetsRequest& proto);
+
+/// The page_token that continues after the dataset `name`.
+[[nodiscard]] std::string PageTokenAfter(const std::string& name);
+
+/// The steps of a sequence, once the number of committed steps is known.
+struct StepSeries {
+  int64_t first = 0;
+  int64_t stride = 1;
+  int64_t count = 0;
+  [[nodiscard]] int64_t StepAt(int64_t index) const { return first + index * stride; }
+};
+
+/// OUT_OF_RANGE for a step that is not committed; INVALID_ARGUMENT for a start_index past the end.
+[[nodiscard]] StatusOr<StepSeries> ResolveSteps(const SequenceRequest& request,
+                                                int64_t committed_steps);
+
+/// OUT_OF_RANGE, saying which steps there are, unless `step` is below `committed_steps`.
+[[nodiscard]] Status CheckStep(const std::string& dataset, uint64_t step, int64_t committed_steps);
+
+}  // namespace fovea::wire
+
+#endif  // SERVICE_WIRE_REQUESTS_H_

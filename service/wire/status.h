@@ -1,0 +1,35 @@
+#ifndef SERVICE_WIRE_STATUS_H_
+#define SERVICE_WIRE_STATUS_H_
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+#include <grpcpp/support/status.h>
+
+#include "engine/base/status.h"
+
+/// Errors on their way through gRPC. Codes are the same numbers on both sides; what is wrong with
+/// which field travels as a google.rpc.BadRequest in the status details. Thread-safe.
+namespace fovea::wire {
+
+/// INVALID_ARGUMENT "PATH: DESCRIPTION", with the field's path in the request in the details.
+[[nodiscard]] Status BadField(std::string_view path, std::string_view description);
+
+/// frames::ValidateSpec and ResolveSpec start their messages with a field's name: adds the details
+/// that point at that field of the FrameSpec at `path`. Other errors, and OK, are left as they are.
+[[nodiscard]] Status PointAtSpecField(const Status& status, std::string_view path);
+
+/// The path that the details of `status` point at; empty if they point at none.
+[[nodiscard]] std::string FieldOf(const Status& status);
+
+[[nodiscard]] grpc::Status ToGrpc(const Status& status);
+[[nodiscard]] Status FromGrpc(const grpc::Status& status);
+
+/// `text` from outside, fit for an error message or a log line: control characters escaped, and
+/// cut (with "...") at `max_bytes`.
+[[nodiscard]] std::string Printable(std::string_view text, size_t max_bytes = 120);
+
+}  // namespace fovea::wire
+
+#endif  // SERVICE_WIRE_STATUS_H_
