@@ -95,7 +95,9 @@ StatusOr<ListRequest> FromProto(const v1::ListDatasetsRequest& proto) {
   return request;
 }
 
-std::string PageTokenAfter(const std::string& name) { return std::string(kPageTokenPrefix) + name; }
+std::string PageTokenAfter(const std::string& name) {
+  return std::string(kPageTokenPrefix) + name;
+}
 
 Status CheckStep(const std::string& dataset, uint64_t step, int64_t committed_steps) {
   if (committed_steps == 0) {

@@ -28,17 +28,17 @@ struct FrameRequest {
 struct SequenceRequest {
   std::string dataset;
   uint64_t first = 0;
-  std::optional<uint64_t> last;    // included; not below `first`
-  uint64_t stride = 1;             // at least 1
+  std::optional<uint64_t> last;  // included; not below `first`
+  uint64_t stride = 1;           // at least 1
   frames::FrameSpec spec;
   uint64_t start_index = 0;
-  uint32_t window = 0;             // 0: no acknowledgements
-  std::string stream_id;           // may be empty if window is 0
+  uint32_t window = 0;    // 0: no acknowledgements
+  std::string stream_id;  // may be empty if window is 0
 };
 
 struct ListRequest {
   uint32_t page_size = kDefaultPageSize;
-  std::string after;               // names up to this one have been listed
+  std::string after;  // names up to this one have been listed
 };
 
 [[nodiscard]] StatusOr<FrameRequest> FromProto(const v1::RenderFrameRequest& proto);

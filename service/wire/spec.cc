@@ -228,10 +228,11 @@ Status CheckRawSize(const frames::FrameSpec& spec, const std::string& path) {
   if (pixel_bytes * width * height <= kMaxFrameBytes) {
     return absl::OkStatus();
   }
-  return BadField(fmt::format("{}.{}", path, width >= height ? "width_px" : "height_px"),
-                  fmt::format("width_px {} x height_px {} at {} bytes a pixel is above the {} bytes "
-                              "that a frame may have; ask for PNG or JPEG, or fewer pixels",
-                              width, height, pixel_bytes, kMaxFrameBytes));
+  return BadField(
+      fmt::format("{}.{}", path, width >= height ? "width_px" : "height_px"),
+      fmt::format("width_px {} x height_px {} at {} bytes a pixel is above the {} bytes "
+                  "that a frame may have; ask for PNG or JPEG, or fewer pixels",
+                  width, height, pixel_bytes, kMaxFrameBytes));
 }
 
 }  // namespace
@@ -275,8 +276,9 @@ StatusOr<frames::Encoding> EncodingFromProto(v1::Encoding proto, std::string_vie
     case v1::RAW_RGBA_F32:
       return frames::Encoding::kRawRgbaF32;
     case v1::FOVEATED:
-      return BadField(path, "FOVEATED is not served yet; ask for PNG, JPEG, RAW_RGBA8 or "
-                            "RAW_RGBA_F32");
+      return BadField(path,
+                      "FOVEATED is not served yet; ask for PNG, JPEG, RAW_RGBA8 or "
+                      "RAW_RGBA_F32");
     default:
       return UnknownEnum(std::string(path), proto, "PNG, JPEG, RAW_RGBA8, RAW_RGBA_F32");
   }

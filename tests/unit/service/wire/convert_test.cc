@@ -154,7 +154,7 @@ const BadSpec kBadSpecs[] = {
 
 TEST(SpecTest, EachRangeIsCheckedAndTheFieldNamed) {
   for (const BadSpec& bad : kBadSpecs) {
-    v1::FrameSpec proto = ToProto(FullSpec());
+    v1::FrameSpec proto;
     bad.spoil(&proto);
     const auto result = FromProto(proto, "spec");
     EXPECT_THAT(result, FailsWith(absl::StatusCode::kInvalidArgument, bad.text)) << bad.field;
