@@ -17,8 +17,8 @@ namespace fovea::store {
 
 struct FieldInfo {
   std::string name;
-  std::string type = "float32";      // of the stored coefficients
-  double minimum = 0, maximum = 0;   // data units, over every committed step
+  std::string type = "float32";     // of the stored coefficients
+  double minimum = 0, maximum = 0;  // data units, over every committed step
   friend bool operator==(const FieldInfo&, const FieldInfo&) = default;
 };
 
@@ -26,24 +26,24 @@ struct FieldInfo {
 struct DatasetInfo {
   int format_version = 1;
   std::string wavelet = "haar";
-  Hierarchy hierarchy;               // dims_xyz
-  Int3 origin;                       // source index of voxel (0, 0, 0)
-  Matrix4 index_to_world;            // our voxel coordinates to the world
-  std::string world_unit;            // may be empty: unknown
-  std::string clock;                 // what time 0 is; may be empty
+  Hierarchy hierarchy;     // dims_xyz
+  Int3 origin;             // source index of voxel (0, 0, 0)
+  Matrix4 index_to_world;  // our voxel coordinates to the world
+  std::string world_unit;  // may be empty: unknown
+  std::string clock;       // what time 0 is; may be empty
   std::string retention = "all";
   int64_t committed_steps = 0;
   std::string default_field;
   std::vector<FieldInfo> fields;
-  int64_t chunk_edge = 16;           // detail chunks are [1, 7, c, c, c]: 8, 16 or 32
+  int64_t chunk_edge = 16;  // detail chunks are [1, 7, c, c, c]: 8, 16 or 32
 };
 
 /// What reading one step cost so far.
 struct ReadStats {
   uint64_t chunks_read = 0;
-  uint64_t chunks_total = 0;         // stored for this step and field, coarse included
-  uint64_t bytes_read = 0;           // compressed, indexes included
-  uint64_t chunks_damaged = 0;       // failed their checksum and were read as zeros
+  uint64_t chunks_total = 0;    // stored for this step and field, coarse included
+  uint64_t bytes_read = 0;      // compressed, indexes included
+  uint64_t chunks_damaged = 0;  // failed their checksum and were read as zeros
 };
 
 /// What to do when a detail chunk (or the index of its shard) fails its checksum.
@@ -53,8 +53,8 @@ enum class OnDamage {
 };
 
 /// One field of one committed step. Window reads touch only the chunks that meet the window; every
-/// checksum on the way is verified: DATA_LOSS names field, step and chunk. A damaged coarse level is
-/// always an error. Thread-safe.
+/// checksum on the way is verified: DATA_LOSS names field, step and chunk. A damaged coarse level
+/// is always an error. Thread-safe.
 class StepSource : public CoefficientSource {
  public:
   [[nodiscard]] virtual ReadStats read_stats() const = 0;
@@ -80,8 +80,9 @@ class Dataset {
   [[nodiscard]] virtual StatusOr<int64_t> TimeNs(int64_t step) = 0;
   [[nodiscard]] virtual StatusOr<std::optional<int64_t>> FrameNumber(int64_t step) = 0;
   [[nodiscard]] virtual StatusOr<FieldStats> Stats(int64_t step, const std::string& field) = 0;
-  [[nodiscard]] virtual StatusOr<std::unique_ptr<StepSource>> OpenStep(
-      int64_t step, const std::string& field, OnDamage on_damage) = 0;
+  [[nodiscard]] virtual StatusOr<std::unique_ptr<StepSource>> OpenStep(int64_t step,
+                                                                       const std::string& field,
+                                                                       OnDamage on_damage) = 0;
 };
 
 }  // namespace fovea::store

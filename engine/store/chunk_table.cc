@@ -1,0 +1,66 @@
+#include "engine/store/chunk_table.h"
+
+#include <algorithm>
+#include <span>
+
+#include "engine/store/chunk_file.h"
+
+namespace fovea::store {
+
+ChunkTable::ChunkTable(std::string store_path, const std::string& field, int64_t step,
+                       const LevelLayout& layout)
+    : folder_(std::move(store_path) + "/" + TablePath(field, layout.width)),
+      step_(step),
+      layout_(layout) {}
+
+Int3 ChunkTable::BlockOf(const Int3& chunk) const {
+  const Int3& edge = layout_.table_edge;
+  return {chunk.x / edge.x, chunk.y / edge.y, chunk.z / edge.z};
+}
+
+size_t ChunkTable::IndexInBlock(const Int3& chunk) const {
+  const Int3& edge = layout_.table_edge;
+  return static_cast<size_t>(((chunk.z % edge.z) * edge.y + chunk.y % edge.y) * edge.x +
+                             chunk.x % edge.x);
+}
+
+StatusOr<std::vector<float>> ChunkTable::Block(const Int3& block) {
+  const std::lock_guard lock(mutex_);
+  const std::array<int64_t, 3> key{block.z, block.y, block.x};
+  if (const auto known = blocks_.find(key); known != blocks_.end()) {
+    return known->second;
+  }
+  std::vector<float> values(static_cast<size_t>(layout_.table_edge.Product()));
+  const std::string path = folder_ + "/" + SpaceChunkName(step_, block, /*with_bands=*/false);
+  const StatusOr<int64_t> read = ReadChunkFile(path, std::as_writable_bytes(std::span(values)));
+  if (absl::IsNotFound(read.status())) {
+    values.clear();
+  } else if (!read.ok()) {
+    return read.status();
+  } else {
+    bytes_read_ += static_cast<uint64_t>(*read);
+  }
+  return blocks_[key] = std::move(values);
+}
+
+uint64_t ChunkTable::StoredChunks() {
+  uint64_t stored = 0;
+  for (int64_t z = 0; z < layout_.tables.z; ++z) {
+    for (int64_t y = 0; y < layout_.tables.y; ++y) {
+      for (int64_t x = 0; x < layout_.tables.x; ++x) {
+        if (const StatusOr<std::vector<float>> block = Block({x, y, z}); block.ok()) {
+          stored += static_cast<uint64_t>(
+              std::count_if(block->begin(), block->end(), [](float v) { return v > 0; }));
+        }
+      }
+    }
+  }
+  return stored;
+}
+
+uint64_t ChunkTable::bytes_read() const {
+  const std::lock_guard lock(mutex_);
+  return bytes_read_;
+}
+
+}  // namespace fovea::store

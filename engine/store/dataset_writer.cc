@@ -1,0 +1,461 @@
+#include "engine/store/dataset_writer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <set>
+#include <span>
+#include <string_view>
+#include <utility>
+
+#include "engine/store/chunk_file.h"
+#include "engine/store/codec.h"
+#include "engine/store/file.h"
+#include "engine/store/layout.h"
+#include "engine/store/level_writer.h"
+#include "engine/store/metadata.h"
+
+// A commit, in the order in which it reaches the disk:
+//   1. every file of the step is written under a temporary name and flushed: its shards, the
+//      chunks of time, stats ... that hold its row, every array's zarr.json with one more step,
+//      the group's zarr.json. A full disk shows here, before anything has changed.
+//   2. the data files are renamed, then the arrays' zarr.json, and their directories flushed;
+//   3. the group's zarr.json is renamed: the step is committed. Its directory is flushed.
+// Whoever dies before 3 leaves temporary files and files of a step that is not committed; the
+// next writer removes both before it does anything else.
+
+namespace fovea::store {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The rows in memory of the small arrays whose chunks a commit rewrites.
+struct FieldSeries {
+  SeriesChunk<double> stats{kSeriesSteps, 2, 0.0};
+  SeriesChunk<uint64_t> histogram{kHistogramSteps, 256, 0};
+};
+struct Series {
+  SeriesChunk<int64_t> time{kSeriesSteps, 1, 0};
+  SeriesChunk<int64_t> frame_number{kSeriesSteps, 1, kNoFrameNumber};
+  std::map<std::string, FieldSeries> fields;
+  int64_t last_time_ns = std::numeric_limits<int64_t>::min();
+};
+
+/// Makes the rows from `step` on what they are in a new chunk.
+template <typename T>
+void ClearFrom(int64_t step, T fill, SeriesChunk<T>* chunk) {
+  const int64_t row = step % chunk->steps;
+  std::fill(chunk->values.begin() + row * chunk->width, chunk->values.end(), fill);
+}
+
+/// The chunk that the row of step `next` goes into, with the rows of the steps before it.
+template <typename T>
+Status LoadSeries(const std::string& store_path, const std::string& array, int64_t next,
+                  bool has_rows, T fill, SeriesChunk<T>* chunk) {
+  if (next % chunk->steps != 0) {
+    FOVEA_ASSIGN_OR_RETURN(*chunk, ReadSeries<T>(store_path, array, next - 1, chunk->steps,
+                                                 has_rows ? chunk->width : 0));
+  }
+  ClearFrom(next, fill, chunk);
+  return absl::OkStatus();
+}
+
+StatusOr<Series> LoadAllSeries(const std::string& path, const DatasetInfo& info) {
+  Series series;
+  const int64_t next = info.committed_steps;
+  const std::string time(kTimePath);
+  FOVEA_RETURN_IF_ERROR(LoadSeries<int64_t>(path, time, next, false, 0, &series.time));
+  FOVEA_RETURN_IF_ERROR(LoadSeries<int64_t>(path, std::string(kFrameNumberPath), next, false,
+                                            kNoFrameNumber, &series.frame_number));
+  for (const FieldInfo& field : info.fields) {
+    FieldSeries& rows = series.fields[field.name];
+    FOVEA_RETURN_IF_ERROR(
+        LoadSeries<double>(path, StatsPath(field.name), next, true, 0.0, &rows.stats));
+    FOVEA_RETURN_IF_ERROR(
+        LoadSeries<uint64_t>(path, HistogramPath(field.name), next, true, 0, &rows.histogram));
+  }
+  if (next > 0) {
+    FOVEA_ASSIGN_OR_RETURN(SeriesChunk<int64_t> last,
+                           ReadSeries<int64_t>(path, time, next - 1, kSeriesSteps, 0));
+    series.last_time_ns = last.Row(next - 1)[0];
+  }
+  return series;
+}
+
+template <typename T>
+Status WriteSeries(const std::string& store_path, const std::string& array, int64_t step,
+                   bool has_rows, SeriesChunk<T>* chunk, FileBatch* batch) {
+  Encoder encoder;
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, encoder.Encode(chunk->Bytes()));
+  return batch->Write(SeriesPath(store_path, array, step, chunk->steps, has_rows), encoded);
+}
+
+Status WriteText(const std::string& path, std::string_view text, FileBatch* batch) {
+  return batch->Write(path, std::as_bytes(std::span(text)));
+}
+
+std::string MetadataPath(const std::string& folder) {
+  return fmt::format("{}/{}", folder, kMetadataName);
+}
+
+class Writer final : public DatasetWriter {
+ public:
+  Writer(std::string path, DatasetInfo info, WriterLock lock, Series series)
+      : path_(std::move(path)),
+        info_(std::move(info)),
+        lock_(std::move(lock)),
+        arrays_(AllArrays(info_)),
+        series_(std::move(series)) {}
+
+  [[nodiscard]] const DatasetInfo& info() const override { return info_; }
+  [[nodiscard]] Status WriteField(const std::string& field, const CoefficientSet& coefficients,
+                                  const FieldStats& stats) override;
+  [[nodiscard]] Status Commit(int64_t time_ns, std::optional<int64_t> frame_number) override;
+
+ private:
+  [[nodiscard]] Status CheckField(const std::string& field, const CoefficientSet& coefficients,
+                                  const FieldStats& stats) const;
+  [[nodiscard]] Status WriteFieldFiles(const std::string& field,
+                                       const CoefficientSet& coefficients);
+  [[nodiscard]] Status CheckCommit(int64_t time_ns) const;
+  void SetRows(int64_t time_ns, std::optional<int64_t> frame_number);
+  [[nodiscard]] Status WriteAllSeries();
+  [[nodiscard]] DatasetInfo InfoAfterCommit() const;
+  [[nodiscard]] Status CheckUsable() const;
+  void DropStep();
+
+  std::string path_;
+  DatasetInfo info_;
+  WriterLock lock_;
+  std::vector<ArraySpec> arrays_;
+  Series series_;
+  // The step in hand.
+  FileBatch batch_;
+  std::map<std::string, FieldStats> written_;
+  bool broken_ = false;  // a commit failed halfway: what is on disk is not what we hold
+};
+
+Status Writer::CheckUsable() const {
+  if (broken_) {
+    return FailedPrecondition(
+        "{}: the last commit failed halfway; open the store again to go on writing", path_);
+  }
+  return absl::OkStatus();
+}
+
+void Writer::DropStep() {
+  batch_.Discard();
+  written_.clear();
+}
+
+Status Writer::CheckField(const std::string& field, const CoefficientSet& coefficients,
+                          const FieldStats& stats) const {
+  FOVEA_RETURN_IF_ERROR(CheckUsable());
+  const auto is_field = [&](const FieldInfo& known) { return known.name == field; };
+  if (std::none_of(info_.fields.begin(), info_.fields.end(), is_field)) {
+    return NotFound("{} has no field '{}'", path_, field);
+  }
+  if (written_.contains(field)) {
+    return FailedPrecondition("field '{}' of this step was written already", field);
+  }
+  if (!std::isfinite(stats.minimum) || !std::isfinite(stats.maximum) ||
+      stats.minimum > stats.maximum) {
+    return InvalidArgument("field '{}' has the range {} to {}", field, stats.minimum,
+                           stats.maximum);
+  }
+  const Hierarchy& hierarchy = info_.hierarchy;
+  const Box3 coarse = Box3::OfSize(hierarchy.DimsAt(0));
+  bool fits = coefficients.hierarchy == hierarchy && coefficients.coarse.box == coarse &&
+              std::ssize(coefficients.coarse.values) == coarse.Volume() &&
+              std::ssize(coefficients.detail) == hierarchy.finest();
+  for (int level = 0; fits && level < hierarchy.finest(); ++level) {
+    const BrickGrid& detail = coefficients.detail[static_cast<size_t>(level)];
+    fits = detail.dims() == hierarchy.DimsAt(level) && detail.edge() == info_.chunk_edge &&
+           detail.channels() == kSubBands && detail.background() == 0;
+  }
+  if (!fits) {
+    return InvalidArgument(
+        "the coefficients of field '{}' are not of {} x {} x {} voxels in bricks of {}", field,
+        hierarchy.dims().x, hierarchy.dims().y, hierarchy.dims().z, info_.chunk_edge);
+  }
+  const auto& values = coefficients.coarse.values;
+  if (!std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); })) {
+    return InvalidArgument("a coarse value of field '{}' is not finite", field);
+  }
+  return absl::OkStatus();
+}
+
+Status Writer::WriteFieldFiles(const std::string& field, const CoefficientSet& coefficients) {
+  const int64_t step = info_.committed_steps;
+  Encoder encoder;
+  // Stored even if it is all zeros: no step is without it, so that its loss is noticed.
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> coarse,
+                         encoder.Encode(std::as_bytes(std::span(coefficients.coarse.values))));
+  const std::string name = SpaceChunkName(step, {0, 0, 0}, /*with_bands=*/false);
+  FOVEA_RETURN_IF_ERROR(
+      batch_.Write(fmt::format("{}/{}/{}", path_, CoarsePath(field), name), coarse));
+  for (int level = 0; level < info_.hierarchy.finest(); ++level) {
+    const LevelLayout layout = LevelLayout::Make(info_.hierarchy, info_.chunk_edge, level);
+    FOVEA_RETURN_IF_ERROR(WriteLevel(path_, field, step, layout,
+                                     coefficients.detail[static_cast<size_t>(level)], &batch_));
+  }
+  return absl::OkStatus();
+}
+
+Status Writer::WriteField(const std::string& field, const CoefficientSet& coefficients,
+                          const FieldStats& stats) {
+  FOVEA_RETURN_IF_ERROR(CheckField(field, coefficients, stats));
+  if (const Status status = WriteFieldFiles(field, coefficients); !status.ok()) {
+    DropStep();
+    return Annotate(status, fmt::format("field '{}' of step {}", field, info_.committed_steps));
+  }
+  written_[field] = stats;
+  return absl::OkStatus();
+}
+
+Status Writer::CheckCommit(int64_t time_ns) const {
+  FOVEA_RETURN_IF_ERROR(CheckUsable());
+  for (const FieldInfo& field : info_.fields) {
+    if (!written_.contains(field.name)) {
+      return FailedPrecondition("field '{}' of step {} has not been written", field.name,
+                                info_.committed_steps);
+    }
+  }
+  if (time_ns < series_.last_time_ns) {
+    return InvalidArgument("step {} at {} ns would be before the last step, at {} ns",
+                           info_.committed_steps, time_ns, series_.last_time_ns);
+  }
+  if (info_.committed_steps >= kMaxSteps) {
+    return ResourceExhausted("{} is full: it has {} steps", path_, kMaxSteps);
+  }
+  return absl::OkStatus();
+}
+
+void Writer::SetRows(int64_t time_ns, std::optional<int64_t> frame_number) {
+  const int64_t step = info_.committed_steps;
+  ClearFrom<int64_t>(step, 0, &series_.time);
+  ClearFrom(step, kNoFrameNumber, &series_.frame_number);
+  series_.time.Row(step)[0] = time_ns;
+  series_.frame_number.Row(step)[0] = frame_number.value_or(kNoFrameNumber);
+  for (const auto& [name, stats] : written_) {
+    FieldSeries& rows = series_.fields[name];
+    ClearFrom(step, 0.0, &rows.stats);
+    ClearFrom<uint64_t>(step, 0, &rows.histogram);
+    rows.stats.Row(step)[0] = stats.minimum;
+    rows.stats.Row(step)[1] = stats.maximum;
+    std::copy(stats.histogram.begin(), stats.histogram.end(), rows.histogram.Row(step).begin());
+  }
+}
+
+Status Writer::WriteAllSeries() {
+  const int64_t step = info_.committed_steps;
+  FOVEA_RETURN_IF_ERROR(
+      WriteSeries(path_, std::string(kTimePath), step, false, &series_.time, &batch_));
+  FOVEA_RETURN_IF_ERROR(WriteSeries(path_, std::string(kFrameNumberPath), step, false,
+                                    &series_.frame_number, &batch_));
+  for (auto& [name, rows] : series_.fields) {
+    FOVEA_RETURN_IF_ERROR(WriteSeries(path_, StatsPath(name), step, true, &rows.stats, &batch_));
+    FOVEA_RETURN_IF_ERROR(
+        WriteSeries(path_, HistogramPath(name), step, true, &rows.histogram, &batch_));
+  }
+  return absl::OkStatus();
+}
+
+DatasetInfo Writer::InfoAfterCommit() const {
+  DatasetInfo info = info_;
+  for (FieldInfo& field : info.fields) {
+    const FieldStats& stats = written_.at(field.name);
+    const bool first = info.committed_steps == 0;
+    field.minimum = first ? stats.minimum : std::min(field.minimum, stats.minimum);
+    field.maximum = first ? stats.maximum : std::max(field.maximum, stats.maximum);
+  }
+  ++info.committed_steps;
+  return info;
+}
+
+Status WriteMetadata(const std::string& path, const DatasetInfo& info,
+                     const std::vector<ArraySpec>& arrays, FileBatch* batch) {
+  for (const ArraySpec& array : arrays) {
+    FOVEA_RETURN_IF_ERROR(WriteText(MetadataPath(path + "/" + array.path),
+                                    ArrayJson(array, info.committed_steps), batch));
+  }
+  FOVEA_ASSIGN_OR_RETURN(const std::string group, GroupJson(info));
+  return WriteText(MetadataPath(path), group, batch);
+}
+
+Status Writer::Commit(int64_t time_ns, std::optional<int64_t> frame_number) {
+  FOVEA_RETURN_IF_ERROR(CheckCommit(time_ns));
+  if (frame_number == kNoFrameNumber) {
+    return InvalidArgument("frame number {} stands for no number", kNoFrameNumber);
+  }
+  SetRows(time_ns, frame_number);
+  DatasetInfo info = InfoAfterCommit();
+  Status status = WriteAllSeries();
+  if (status.ok()) {
+    status = WriteMetadata(path_, info, arrays_, &batch_);
+  }
+  if (status.ok()) {
+    status = batch_.Flush();
+  }
+  if (status.ok()) {
+    status = batch_.Publish();
+    broken_ = !status.ok();
+  }
+  DropStep();
+  if (!status.ok()) {
+    return Annotate(status, fmt::format("step {} was not committed", info_.committed_steps));
+  }
+  info_ = std::move(info);
+  series_.last_time_ns = time_ns;
+  return absl::OkStatus();
+}
+
+/// Removes what a killed Create left: folders, zarr.json and temporary files. ALREADY_EXISTS,
+/// touching nothing, if there is anything else.
+Status SweepUnfinished(const std::string& path) {
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(path, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string name = entry->path().filename().string();
+    const bool ours = entry->symlink_status().type() == fs::file_type::directory ||
+                      name == kMetadataName || name == kLockName || IsTemporaryName(name);
+    if (!ours) {
+      return AlreadyExists("{} exists and holds {}; choose another name, or remove it first", path,
+                           entry->path().string());
+    }
+  }
+  for (fs::directory_iterator entry(path, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entry->path().filename() != kLockName) {
+      fs::remove_all(entry->path(), error);
+    }
+  }
+  return error ? ErrnoStatus(error.value(), "cannot clear", path) : absl::OkStatus();
+}
+
+/// Makes `path` an empty directory that only we write to.
+StatusOr<WriterLock> ClaimDirectory(const std::string& path) {
+  if (const Status made = MakeDirectory(path); !made.ok() && !absl::IsAlreadyExists(made)) {
+    return made;
+  }
+  const auto exists = [&](std::string_view why) {
+    return AlreadyExists("{} exists{}; append to it, choose another name, or remove it first", path,
+                         why);
+  };
+  StatusOr<std::vector<std::string>> names = ListDirectory(path);
+  if (!names.ok()) {
+    return absl::IsFailedPrecondition(names.status()) ? exists(" and is not a folder to write to")
+                                                      : names.status();
+  }
+  // No lock file: not ours. Leave it alone.
+  if (!names->empty() && std::find(names->begin(), names->end(), kLockName) == names->end()) {
+    return exists("");
+  }
+  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(path));
+  FOVEA_ASSIGN_OR_RETURN(names, ListDirectory(path));
+  if (std::find(names->begin(), names->end(), kMetadataName) != names->end()) {
+    return exists("");
+  }
+  FOVEA_RETURN_IF_ERROR(SweepUnfinished(path));
+  FOVEA_RETURN_IF_ERROR(FlushDirectory(DirectoryOf(path)));
+  return lock;
+}
+
+/// The folders and metadata of a store without steps; the group's zarr.json appears last.
+Status WriteEmptyStore(const std::string& path, const DatasetInfo& info) {
+  FileBatch batch;
+  std::set<std::string> made;
+  const std::vector<ArraySpec> arrays = AllArrays(info);
+  for (const FieldInfo& field : info.fields) {
+    FOVEA_RETURN_IF_ERROR(MakeDirectory(path + "/" + field.name));
+    FOVEA_RETURN_IF_ERROR(
+        WriteText(MetadataPath(path + "/" + field.name), FieldGroupJson(), &batch));
+  }
+  for (const ArraySpec& array : arrays) {
+    FOVEA_RETURN_IF_ERROR(MakeDirectory(path + "/" + array.path));
+  }
+  FOVEA_RETURN_IF_ERROR(FlushDirectory(path));
+  FOVEA_RETURN_IF_ERROR(WriteMetadata(path, info, arrays, &batch));
+  FOVEA_RETURN_IF_ERROR(batch.Flush());
+  return batch.Publish();
+}
+
+/// Removes temporary files, and files of steps that are not committed, from one array's folder;
+/// cuts the array back to `steps`.
+Status SweepArray(const std::string& path, const ArraySpec& array, int64_t steps) {
+  FOVEA_ASSIGN_OR_RETURN(const int64_t array_steps, ReadArraySteps(path, array));
+  const std::string folder = path + "/" + array.path;
+  if (array_steps < steps) {
+    return DataLoss("{} has {} steps, the store {}", folder, array_steps, steps);
+  }
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListDirectory(folder));
+  const int64_t files = (steps + array.FileSteps() - 1) / array.FileSteps();
+  for (const std::string& name : names) {
+    const auto indices = ParseChunkName(name, array.shape.size() + 1);
+    if (IsTemporaryName(name) || (indices && indices->front() >= files)) {
+      FOVEA_RETURN_IF_ERROR(RemoveFile(folder + "/" + name));
+    }
+  }
+  if (array_steps == steps) {
+    return absl::OkStatus();
+  }
+  FileBatch batch;
+  FOVEA_RETURN_IF_ERROR(WriteText(MetadataPath(folder), ArrayJson(array, steps), &batch));
+  FOVEA_RETURN_IF_ERROR(batch.Flush());
+  return batch.Publish();
+}
+
+Status SweepTemporaryFiles(const std::string& folder) {
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListDirectory(folder));
+  for (const std::string& name : names) {
+    if (IsTemporaryName(name)) {
+      FOVEA_RETURN_IF_ERROR(RemoveFile(folder + "/" + name));
+    }
+  }
+  return absl::OkStatus();
+}
+
+Status SweepStore(const std::string& path, const DatasetInfo& info) {
+  FOVEA_RETURN_IF_ERROR(SweepTemporaryFiles(path));
+  for (const FieldInfo& field : info.fields) {
+    FOVEA_RETURN_IF_ERROR(CheckFieldGroup(path, field.name));
+    FOVEA_RETURN_IF_ERROR(SweepTemporaryFiles(path + "/" + field.name));
+  }
+  for (const ArraySpec& array : AllArrays(info)) {
+    FOVEA_RETURN_IF_ERROR(SweepArray(path, array, info.committed_steps));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Create(const std::string& path,
+                                                               const DatasetInfo& info) {
+  FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
+  DatasetInfo empty = info;
+  empty.committed_steps = 0;
+  for (FieldInfo& field : empty.fields) {
+    field.minimum = field.maximum = 0;
+  }
+  // As a reader will see them.
+  std::sort(empty.fields.begin(), empty.fields.end(),
+            [](const FieldInfo& a, const FieldInfo& b) { return a.name < b.name; });
+  FOVEA_RETURN_IF_ERROR(GroupJson(empty).status());  // before anything is made
+  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, ClaimDirectory(store));
+  FOVEA_RETURN_IF_ERROR(WriteEmptyStore(store, empty));
+  FOVEA_ASSIGN_OR_RETURN(Series series, LoadAllSeries(store, empty));
+  return std::make_unique<Writer>(store, std::move(empty), std::move(lock), std::move(series));
+}
+
+StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Append(const std::string& path) {
+  FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
+  FOVEA_RETURN_IF_ERROR(ReadGroup(store).status());  // no lock file in what is no store
+  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(store));
+  FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(store));
+  FOVEA_RETURN_IF_ERROR(SweepStore(store, info));
+  FOVEA_ASSIGN_OR_RETURN(Series series, LoadAllSeries(store, info));
+  return std::make_unique<Writer>(store, std::move(info), std::move(lock), std::move(series));
+}
+
+}  // namespace fovea::store

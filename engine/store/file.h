@@ -1,0 +1,129 @@
+#ifndef ENGINE_STORE_FILE_H_
+#define ENGINE_STORE_FILE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "engine/base/status.h"
+
+/// Every touch of the file system by the store. Codes by cause: NOT_FOUND, ALREADY_EXISTS,
+/// RESOURCE_EXHAUSTED (disk, quota, file size limit or descriptors used up), DATA_LOSS (the device
+/// reports an error, or a file is shorter or longer than it can be), FAILED_PRECONDITION (no
+/// permission, not a directory ...). Messages name the path.
+namespace fovea::store {
+
+[[nodiscard]] Status ErrnoStatus(int error, std::string_view action, const std::string& path);
+
+/// Owns a file descriptor.
+class Descriptor {
+ public:
+  Descriptor() = default;
+  explicit Descriptor(int fd) : fd_(fd) {}
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept;
+  ~Descriptor();
+  [[nodiscard]] int get() const { return fd_; }
+
+ private:
+  int fd_ = -1;
+};
+
+/// A file open for positioned reads. Thread-safe.
+class ReadableFile {
+ public:
+  [[nodiscard]] static StatusOr<ReadableFile> Open(const std::string& path);
+  [[nodiscard]] int64_t size() const { return size_; }
+  [[nodiscard]] const std::string& path() const { return path_; }
+  /// Fills `out` from `offset`; DATA_LOSS if the file ends before.
+  [[nodiscard]] Status ReadAt(int64_t offset, std::span<std::byte> out) const;
+
+ private:
+  std::string path_;
+  Descriptor fd_;
+  int64_t size_ = 0;
+};
+
+/// The whole file; DATA_LOSS, without reading it, if it is longer than `max_bytes`.
+[[nodiscard]] StatusOr<std::vector<std::byte>> ReadWholeFile(const std::string& path,
+                                                             int64_t max_bytes);
+
+/// A file being written from its start. Not flushed to the device: see FileBatch.
+class WritableFile {
+ public:
+  /// Creates or truncates.
+  [[nodiscard]] static StatusOr<WritableFile> Create(const std::string& path);
+  [[nodiscard]] Status Append(std::span<const std::byte> bytes);
+  [[nodiscard]] uint64_t size() const { return size_; }
+
+ private:
+  std::string path_;
+  Descriptor fd_;
+  uint64_t size_ = 0;
+};
+
+/// The temporary name beside `path` under which a file is written before it appears.
+[[nodiscard]] std::string TemporaryName(const std::string& path);
+/// Whether a file name (without folder) is one of those.
+[[nodiscard]] bool IsTemporaryName(std::string_view name);
+
+/// `path` without slashes at its end; INVALID_ARGUMENT if nothing is left.
+[[nodiscard]] StatusOr<std::string> StorePath(const std::string& path);
+/// The folder that `path` is in.
+[[nodiscard]] std::string DirectoryOf(const std::string& path);
+
+/// Flushes a directory, so that names made or replaced in it survive a power cut.
+[[nodiscard]] Status FlushDirectory(const std::string& path);
+[[nodiscard]] Status MakeDirectory(const std::string& path);
+[[nodiscard]] Status RemoveFile(const std::string& path);
+/// Names in a directory, without "." and "..", in no order.
+[[nodiscard]] StatusOr<std::vector<std::string>> ListDirectory(const std::string& path);
+
+/// Files that appear together. They are written under temporary names; Flush brings all of them
+/// to the device, so that a full disk is known before anything has changed; Publish renames them.
+/// What was not published is removed with the batch. Not thread-safe.
+class FileBatch {
+ public:
+  FileBatch() = default;
+  FileBatch(const FileBatch&) = delete;
+  FileBatch& operator=(const FileBatch&) = delete;
+  ~FileBatch() { Discard(); }
+
+  /// Adds `path` and opens its temporary file.
+  [[nodiscard]] StatusOr<WritableFile> Start(const std::string& path);
+  [[nodiscard]] Status Write(const std::string& path, std::span<const std::byte> bytes);
+  [[nodiscard]] Status Flush();
+  /// Renames in the order of adding. The last file is the commit: it is renamed once the
+  /// directories of all others are flushed, and then its own is.
+  [[nodiscard]] Status Publish();
+  void Discard();
+
+ private:
+  std::vector<std::string> paths_;  // final names, not yet published
+};
+
+/// The right to write to a store: a lock on a file in it that says host, process and since when.
+/// Goes with the process, however that ends.
+class WriterLock {
+ public:
+  /// FAILED_PRECONDITION, saying who, if another writer holds it.
+  [[nodiscard]] static StatusOr<WriterLock> Take(const std::string& store_path);
+  WriterLock(WriterLock&&) = default;
+  WriterLock& operator=(WriterLock&&) = delete;
+  ~WriterLock();
+
+ private:
+  explicit WriterLock(Descriptor fd) : fd_(std::move(fd)) {}
+  Descriptor fd_;
+};
+
+/// The name of the lock file inside a store.
+inline constexpr std::string_view kLockName = ".fovea.lock";
+
+}  // namespace fovea::store
+
+#endif  // ENGINE_STORE_FILE_H_

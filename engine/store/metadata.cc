@@ -1,0 +1,376 @@
+#include "engine/store/metadata.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <set>
+#include <span>
+#include <stdexcept>
+
+#include <nlohmann/json.hpp>
+
+#include "engine/store/codec.h"
+#include "engine/store/file.h"
+
+namespace fovea::store {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kFormatVersion = 1;
+constexpr int64_t kMaxMetadataBytes = 1 << 20;
+constexpr int kMaxJsonDepth = 16;
+constexpr size_t kMaxFields = 256;
+constexpr size_t kMaxNameLength = 100;
+constexpr size_t kMaxTextLength = 1000;
+constexpr const char* kChecksumKey = "crc32c";
+
+bool IsFieldName(const std::string& name) {
+  const auto allowed = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
+           c == '-' || c == '.';
+  };
+  return !name.empty() && name.size() <= kMaxNameLength && name[0] != '.' &&
+         !name.starts_with("__") && std::all_of(name.begin(), name.end(), allowed) &&
+         name != kTimePath && name != kFrameNumberPath && name != kMetadataName;
+}
+
+Status ValidateFields(const DatasetInfo& info) {
+  if (info.fields.empty() || info.fields.size() > kMaxFields) {
+    return InvalidArgument("{} fields: there must be 1 to {}", info.fields.size(), kMaxFields);
+  }
+  std::set<std::string> names;
+  for (const FieldInfo& field : info.fields) {
+    if (!IsFieldName(field.name)) {
+      return InvalidArgument(
+          "field name '{}': it must be 1 to {} of A-Z a-z 0-9 _ . - without '.' or '__' in front, "
+          "and not '{}', '{}' or '{}'",
+          field.name.substr(0, kMaxNameLength), kMaxNameLength, kTimePath, kFrameNumberPath,
+          kMetadataName);
+    }
+    if (!names.insert(field.name).second) {
+      return InvalidArgument("field '{}' is there twice", field.name);
+    }
+    if (field.type != "float32") {
+      return InvalidArgument("field '{}' has type '{}': only float32 is known", field.name,
+                             field.type.substr(0, kMaxNameLength));
+    }
+    if (!std::isfinite(field.minimum) || !std::isfinite(field.maximum) ||
+        field.minimum > field.maximum) {
+      return InvalidArgument("field '{}' has the range {} to {}", field.name, field.minimum,
+                             field.maximum);
+    }
+  }
+  if (!names.contains(info.default_field)) {
+    return InvalidArgument("the default field '{}' is none of the fields",
+                           info.default_field.substr(0, kMaxNameLength));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+Status ValidateInfo(const DatasetInfo& info) {
+  if (info.wavelet != "haar") {
+    return InvalidArgument("wavelet '{}': only haar is known",
+                           info.wavelet.substr(0, kMaxNameLength));
+  }
+  if (info.chunk_edge != 8 && info.chunk_edge != 16 && info.chunk_edge != 32) {
+    return InvalidArgument("chunk edge {}: it must be 8, 16 or 32", info.chunk_edge);
+  }
+  if (info.committed_steps < 0 || info.committed_steps > kMaxSteps) {
+    return InvalidArgument("{} committed steps: 0 to {} can be", info.committed_steps, kMaxSteps);
+  }
+  const auto& m = info.index_to_world.m;
+  const double determinant = info.index_to_world.Determinant();
+  if (!std::all_of(m.begin(), m.end(), [](double v) { return std::isfinite(v); }) ||
+      !std::isfinite(determinant) || determinant == 0) {
+    return InvalidArgument("the index-to-world matrix is singular or not finite");
+  }
+  for (const std::string* text : {&info.world_unit, &info.clock, &info.retention}) {
+    if (text->size() > kMaxTextLength) {
+      return InvalidArgument("world_unit, clock and retention must not exceed {} bytes",
+                             kMaxTextLength);
+    }
+  }
+  return ValidateFields(info);
+}
+
+namespace {
+
+uint32_t ChecksumOf(const json& attributes) {
+  const std::string text = attributes.dump();
+  return Crc32c(std::as_bytes(std::span(text)));
+}
+
+json Attributes(const DatasetInfo& info) {
+  const auto& dims = info.hierarchy.dims();
+  json fields = json::object();
+  for (const FieldInfo& field : info.fields) {
+    fields[field.name] = {
+        {"type", field.type}, {"minimum", field.minimum}, {"maximum", field.maximum}};
+  }
+  json attributes = {{"format_version", kFormatVersion},
+                     {"wavelet", info.wavelet},
+                     {"dims_xyz", {dims.x, dims.y, dims.z}},
+                     {"origin_xyz", {info.origin.x, info.origin.y, info.origin.z}},
+                     {"index_to_world", info.index_to_world.m},
+                     {"world_unit", info.world_unit},
+                     {"time_unit", "ns"},
+                     {"clock", info.clock},
+                     {"retention", info.retention},
+                     {"committed_steps", info.committed_steps},
+                     {"default_field", info.default_field},
+                     {"chunk_edge", info.chunk_edge},
+                     {"fields", std::move(fields)}};
+  attributes[kChecksumKey] = fmt::format("{:08x}", ChecksumOf(attributes));
+  return attributes;
+}
+
+}  // namespace
+
+StatusOr<std::string> GroupJson(const DatasetInfo& info) {
+  FOVEA_RETURN_IF_ERROR(ValidateInfo(info));
+  try {
+    const json group = {
+        {"zarr_format", 3}, {"node_type", "group"}, {"attributes", {{"fovea", Attributes(info)}}}};
+    return group.dump(1) + "\n";
+  } catch (const json::exception& error) {  // a text that is not UTF-8
+    return InvalidArgument("world_unit, clock or retention cannot be written: {}", error.what());
+  }
+}
+
+std::string FieldGroupJson() {
+  return json{{"zarr_format", 3}, {"node_type", "group"}, {"attributes", json::object()}}.dump(1) +
+         "\n";
+}
+
+namespace {
+
+json Codec(const char* name, const json& configuration = nullptr) {
+  json codec = {{"name", name}};
+  if (!configuration.is_null()) {
+    codec["configuration"] = configuration;
+  }
+  return codec;
+}
+
+json ArrayDocument(const ArraySpec& spec, int64_t steps) {
+  std::vector<int64_t> shape = {steps};
+  shape.insert(shape.end(), spec.shape.begin(), spec.shape.end());
+  const json bytes = Codec("bytes", {{"endian", "little"}});
+  json codecs = {bytes, Codec("zstd", {{"level", kDefaultZstdLevel}, {"checksum", true}}),
+                 Codec("crc32c")};
+  if (!spec.shard.empty()) {
+    codecs = json::array({Codec("sharding_indexed", {{"chunk_shape", spec.chunk},
+                                                     {"codecs", codecs},
+                                                     {"index_codecs", {bytes, Codec("crc32c")}},
+                                                     {"index_location", "end"}})});
+  }
+  const bool is_float = spec.data_type.starts_with("float");
+  const json fill = is_float ? json(static_cast<double>(spec.fill_value)) : json(spec.fill_value);
+  const json regular = {{"chunk_shape", spec.shard.empty() ? spec.chunk : spec.shard}};
+  return {{"zarr_format", 3},
+          {"node_type", "array"},
+          {"shape", shape},
+          {"data_type", spec.data_type},
+          {"chunk_grid", {{"name", "regular"}, {"configuration", regular}}},
+          {"chunk_key_encoding", {{"name", "default"}, {"configuration", {{"separator", "."}}}}},
+          {"fill_value", fill},
+          {"codecs", codecs},
+          {"attributes", json::object()},
+          {"dimension_names", spec.dimension_names}};
+}
+
+}  // namespace
+
+std::string ArrayJson(const ArraySpec& spec, int64_t steps) {
+  return ArrayDocument(spec, steps).dump(1) + "\n";
+}
+
+namespace {
+
+/// Nothing if the text is not JSON or nested too deeply.
+std::optional<json> Parse(const std::string& text) {
+  bool too_deep = false;
+  const auto check = [&](int depth, json::parse_event_t, const json&) {
+    too_deep = too_deep || depth > kMaxJsonDepth;
+    return !too_deep;
+  };
+  json document = json::parse(text, check, /*allow_exceptions=*/false);
+  if (too_deep || document.is_discarded()) {
+    return std::nullopt;
+  }
+  return document;
+}
+
+StatusOr<json> ReadJson(const std::string& path) {
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> bytes,
+                         ReadWholeFile(path, kMaxMetadataBytes));
+  std::optional<json> document =
+      Parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  if (!document) {
+    return DataLoss("{} is damaged: it is not valid JSON", path);
+  }
+  return *std::move(document);
+}
+
+/// Thrown and caught in this file only, beside what the JSON library throws.
+class BadValue : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// An integer in a range.
+int64_t Integer(const json& parent, const char* key, int64_t least, int64_t most) {
+  const json& value = parent.at(key);
+  // Neither a float nor a number past int64 may be cast.
+  const bool fits =
+      value.is_number_integer() &&
+      !(value.is_number_unsigned() && value.get<uint64_t>() > std::numeric_limits<int64_t>::max());
+  if (!fits || value.get<int64_t>() < least || value.get<int64_t>() > most) {
+    throw BadValue(fmt::format("{} must be an integer from {} to {}", key, least, most));
+  }
+  return value.get<int64_t>();
+}
+
+Int3 Triple(const json& parent, const char* key, int64_t least, int64_t most) {
+  const json& values = parent.at(key);
+  if (!values.is_array() || values.size() != 3) {
+    throw BadValue(fmt::format("{} must have 3 numbers", key));
+  }
+  const json named = {{"x", values[0]}, {"y", values[1]}, {"z", values[2]}};
+  return {Integer(named, "x", least, most), Integer(named, "y", least, most),
+          Integer(named, "z", least, most)};
+}
+
+/// Throws where something is missing or of another type.
+StatusOr<DatasetInfo> InfoFrom(const json& attributes) {
+  constexpr int64_t kFarthest = int64_t{1} << 40;
+  DatasetInfo info;
+  info.wavelet = attributes.at("wavelet").get<std::string>();
+  FOVEA_ASSIGN_OR_RETURN(info.hierarchy,
+                         Hierarchy::Make(Triple(attributes, "dims_xyz", 1, kMaxDimension)));
+  info.origin = Triple(attributes, "origin_xyz", -kFarthest, kFarthest);
+  const json& matrix = attributes.at("index_to_world");
+  if (matrix.size() != info.index_to_world.m.size()) {
+    return InvalidArgument("index_to_world must have 16 numbers");
+  }
+  matrix.get_to(info.index_to_world.m);
+  info.world_unit = attributes.at("world_unit").get<std::string>();
+  if (attributes.at("time_unit") != "ns") {
+    return InvalidArgument("time_unit must be ns");
+  }
+  info.clock = attributes.at("clock").get<std::string>();
+  info.retention = attributes.at("retention").get<std::string>();
+  info.committed_steps = Integer(attributes, "committed_steps", 0, kMaxSteps);
+  info.default_field = attributes.at("default_field").get<std::string>();
+  info.chunk_edge = Integer(attributes, "chunk_edge", 8, 32);
+  for (const auto& [name, field] : attributes.at("fields").get_ref<const json::object_t&>()) {
+    info.fields.push_back({name, field.at("type").get<std::string>(),
+                           field.at("minimum").get<double>(), field.at("maximum").get<double>()});
+  }
+  FOVEA_RETURN_IF_ERROR(ValidateInfo(info));
+  return info;
+}
+
+/// Throws where something is missing or of another type.
+StatusOr<DatasetInfo> InfoFromGroup(const json& group, const std::string& path) {
+  if (!group.is_object() || !group.contains("attributes") || !group.at("attributes").is_object() ||
+      !group.at("attributes").contains("fovea")) {
+    return FailedPrecondition("{} is not that of a Fovea store: it has no fovea attributes", path);
+  }
+  json attributes = group.at("attributes").at("fovea");
+  if (const int64_t version = Integer(attributes, "format_version", 1, kMaxSteps);
+      version > kFormatVersion) {
+    return FailedPrecondition("{} has format version {}; this program reads {}: use a newer one",
+                              path, version, kFormatVersion);
+  }
+  const std::string stored = attributes.at(kChecksumKey).get<std::string>();
+  attributes.erase(kChecksumKey);
+  if (stored != fmt::format("{:08x}", ChecksumOf(attributes))) {
+    return DataLoss("{} is damaged or was edited: its attributes do not match their {}", path,
+                    kChecksumKey);
+  }
+  if (group.at("zarr_format") != 3 || group.at("node_type") != "group") {
+    return DataLoss("{} is damaged: not a Zarr v3 group", path);
+  }
+  StatusOr<DatasetInfo> info = InfoFrom(attributes);
+  if (!info.ok()) {
+    return FailedPrecondition("{} cannot be used: {}", path, MessageOf(info.status()));
+  }
+  return info;
+}
+
+}  // namespace
+
+StatusOr<DatasetInfo> ReadGroup(const std::string& store_path) {
+  const std::string path = fmt::format("{}/{}", store_path, kMetadataName);
+  StatusOr<json> group = ReadJson(path);
+  if (absl::IsNotFound(group.status())) {
+    if (ListDirectory(store_path).ok()) {
+      return FailedPrecondition("{} is not a Fovea store: it has no {}", store_path, kMetadataName);
+    }
+    return NotFound("there is no store at {}", store_path);
+  }
+  FOVEA_RETURN_IF_ERROR(group.status());
+  try {
+    return InfoFromGroup(*group, path);
+  } catch (const std::exception& error) {
+    return DataLoss("{} is damaged: {}", path, error.what());
+  }
+}
+
+namespace {
+
+/// What may differ between two writers of the same array: the steps and how hard zstd tried.
+void EraseVariable(json& document) {
+  document.at("shape").at(0) = 0;
+  json* codecs = &document.at("codecs");
+  if (codecs->at(0).at("name") == "sharding_indexed") {
+    codecs = &codecs->at(0).at("configuration").at("codecs");
+  }
+  codecs->at(1).at("configuration").erase("level");
+}
+
+}  // namespace
+
+StatusOr<int64_t> ReadArraySteps(const std::string& store_path, const ArraySpec& spec) {
+  const std::string path = fmt::format("{}/{}/{}", store_path, spec.path, kMetadataName);
+  StatusOr<json> document = ReadJson(path);
+  if (absl::IsNotFound(document.status())) {
+    return DataLoss("{} is missing", path);
+  }
+  FOVEA_RETURN_IF_ERROR(document.status());
+  try {
+    const json& shape = document->at("shape");
+    const int64_t steps = Integer({{"t", shape.at(0)}}, "t", 0, kMaxSteps + 1);
+    json expected = ArrayDocument(spec, 0);
+    EraseVariable(expected);
+    EraseVariable(*document);
+    if (*document != expected) {
+      return DataLoss("{} is damaged: it does not describe the array that the store must have",
+                      path);
+    }
+    return steps;
+  } catch (const std::exception& error) {
+    return DataLoss("{} is damaged: {}", path, error.what());
+  }
+}
+
+Status CheckFieldGroup(const std::string& store_path, const std::string& field) {
+  const std::string path = fmt::format("{}/{}/{}", store_path, field, kMetadataName);
+  StatusOr<json> document = ReadJson(path);
+  if (absl::IsNotFound(document.status())) {
+    return DataLoss("{} is missing", path);
+  }
+  FOVEA_RETURN_IF_ERROR(document.status());
+  if (!document->is_object() || document->value("zarr_format", json()) != 3 ||
+      document->value("node_type", json()) != "group") {
+    return DataLoss("{} is damaged: not a Zarr v3 group", path);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace fovea::store

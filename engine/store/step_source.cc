@@ -1,0 +1,318 @@
+#include "engine/store/step_source.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstring>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "engine/base/parallel.h"
+#include "engine/store/chunk_file.h"
+#include "engine/store/chunk_table.h"
+#include "engine/store/codec.h"
+#include "engine/store/file.h"
+#include "engine/store/layout.h"
+
+// A window read: (1) which chunks meet the window; (2) the tables chunk_max_W say which of them
+// are zero, and which must be there; (3) the indices of their shards say where they lie; (4) runs
+// of neighbouring chunks are read at once, checked, decoded and copied, runs in parallel.
+
+namespace fovea::store {
+namespace {
+
+/// Chunks that lie closer than this are read at once; a run holds at most so many.
+constexpr uint64_t kMaxGapBytes = 4096;
+constexpr size_t kMaxRunChunks = 16;
+
+/// What the table of a level says about a chunk.
+enum class Stored { kNo, kYes, kUnknown };
+
+struct Wanted {
+  Int3 chunk;
+  Stored stored = Stored::kUnknown;
+  ShardEntry entry;
+};
+
+/// Neighbouring chunks of one shard, by offset.
+struct Run {
+  std::string path;
+  std::vector<Wanted> chunks;
+};
+
+/// One ReadDetail call.
+struct Window {
+  const LevelLayout& layout;
+  ChunkTable& table;
+  const Box3& box;
+  std::span<float> out;
+};
+
+class StoredStep final : public StepSource {
+ public:
+  StoredStep(std::string store_path, DatasetInfo info, int64_t step, std::string field,
+             OnDamage on_damage)
+      : path_(std::move(store_path)),
+        info_(std::move(info)),
+        step_(step),
+        field_(std::move(field)),
+        on_damage_(on_damage) {
+    for (int level = 0; level < info_.hierarchy.finest(); ++level) {
+      layouts_.push_back(LevelLayout::Make(info_.hierarchy, info_.chunk_edge, level));
+      tables_.push_back(std::make_unique<ChunkTable>(path_, field_, step_, layouts_.back()));
+    }
+  }
+
+  [[nodiscard]] const Hierarchy& hierarchy() const override { return info_.hierarchy; }
+  [[nodiscard]] Status ReadCoarse(std::span<float> out) override;
+  [[nodiscard]] Status ReadDetail(int level, const Box3& window, std::span<float> out) override;
+  [[nodiscard]] ReadStats read_stats() const override;
+
+ private:
+  [[nodiscard]] Status FindWanted(const Window& window,
+                                  std::map<std::array<int64_t, 3>, std::vector<Wanted>>* shards);
+  [[nodiscard]] Status PlanShard(const Window& window, std::vector<Wanted> wanted,
+                                 std::vector<Run>* runs);
+  [[nodiscard]] StatusOr<std::optional<ShardIndex>> ReadIndex(const Window& window,
+                                                              const std::string& path);
+  [[nodiscard]] Status ReadRun(const Window& window, const Run& run);
+  [[nodiscard]] Status ReadRuns(const Window& window, const std::vector<Run>& runs);
+  /// One chunk cannot be had because of `why`: an error, or zeros and a count.
+  [[nodiscard]] Status Damaged(const LevelLayout& layout, const Int3& chunk, const Status& why);
+
+  const std::string path_;
+  const DatasetInfo info_;
+  const int64_t step_;
+  const std::string field_;
+  const OnDamage on_damage_;
+  std::vector<LevelLayout> layouts_;
+  std::vector<std::unique_ptr<ChunkTable>> tables_;
+  std::atomic<uint64_t> chunks_read_{0};
+  std::atomic<uint64_t> bytes_read_{0};
+  std::atomic<uint64_t> chunks_damaged_{0};
+};
+
+ReadStats StoredStep::read_stats() const {
+  ReadStats stats;
+  stats.chunks_read = chunks_read_;
+  stats.bytes_read = bytes_read_;
+  stats.chunks_damaged = chunks_damaged_;
+  stats.chunks_total = 1;  // coarse
+  for (const auto& table : tables_) {
+    stats.bytes_read += table->bytes_read();
+    stats.chunks_total += table->StoredChunks();
+  }
+  return stats;
+}
+
+Status StoredStep::ReadCoarse(std::span<float> out) {
+  const auto values = static_cast<size_t>(info_.hierarchy.DimsAt(0).Product());
+  if (out.size() != values) {
+    return Internal("ReadCoarse into {} values, the coarse level has {}", out.size(), values);
+  }
+  const std::string file = fmt::format("{}/{}/{}", path_, CoarsePath(field_),
+                                       SpaceChunkName(step_, {0, 0, 0}, /*with_bands=*/false));
+  const StatusOr<int64_t> read = ReadChunkFile(file, std::as_writable_bytes(out));
+  if (!read.ok()) {
+    const std::string where = fmt::format("coarse level of field '{}', step {}", field_, step_);
+    return absl::IsNotFound(read.status()) ? DataLoss("{}: {} is missing", where, file)
+                                           : Annotate(read.status(), where);
+  }
+  bytes_read_ += static_cast<uint64_t>(*read);
+  ++chunks_read_;
+  return absl::OkStatus();
+}
+
+Status StoredStep::Damaged(const LevelLayout& layout, const Int3& chunk, const Status& why) {
+  if (!absl::IsDataLoss(why)) {
+    return why;  // out of descriptors, no permission: nothing is known about the data
+  }
+  if (on_damage_ == OnDamage::kCount) {
+    ++chunks_damaged_;
+    return absl::OkStatus();
+  }
+  return Annotate(why, fmt::format("chunk {},{},{} (x, y, z) of detail_{} of field '{}', step {}",
+                                   chunk.x, chunk.y, chunk.z, layout.width, field_, step_));
+}
+
+Status StoredStep::FindWanted(const Window& window,
+                              std::map<std::array<int64_t, 3>, std::vector<Wanted>>* shards) {
+  const LevelLayout& layout = window.layout;
+  const int64_t c = layout.edge;
+  std::map<std::array<int64_t, 3>, std::optional<std::vector<float>>> blocks;
+  for (int64_t z = window.box.lo.z / c; z * c < window.box.hi.z; ++z) {
+    for (int64_t y = window.box.lo.y / c; y * c < window.box.hi.y; ++y) {
+      for (int64_t x = window.box.lo.x / c; x * c < window.box.hi.x; ++x) {
+        const Int3 chunk{x, y, z};
+        const Int3 at = window.table.BlockOf(chunk);
+        const auto [block, is_new] = blocks.try_emplace({at.z, at.y, at.x});
+        if (is_new) {
+          StatusOr<std::vector<float>> read = window.table.Block(at);
+          if (!read.ok()) {
+            FOVEA_RETURN_IF_ERROR(Damaged(layout, chunk, read.status()));
+          } else if (!read->empty()) {
+            block->second = *std::move(read);
+          }
+        }
+        Stored stored = Stored::kUnknown;
+        if (block->second) {
+          stored =
+              (*block->second)[window.table.IndexInBlock(chunk)] > 0 ? Stored::kYes : Stored::kNo;
+        }
+        if (stored != Stored::kNo) {
+          const Int3 shard = layout.ShardOf(chunk);
+          (*shards)[{shard.z, shard.y, shard.x}].push_back({chunk, stored, {}});
+        }
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+/// The index of a shard; nothing if there is no such shard.
+StatusOr<std::optional<ShardIndex>> StoredStep::ReadIndex(const Window& window,
+                                                          const std::string& path) {
+  const StatusOr<ReadableFile> file = ReadableFile::Open(path);
+  if (absl::IsNotFound(file.status())) {
+    return std::nullopt;
+  }
+  FOVEA_RETURN_IF_ERROR(file.status());
+  const auto chunks = static_cast<size_t>(window.layout.shard_chunks.Product());
+  bytes_read_ += static_cast<uint64_t>(ShardIndexBytes(chunks));
+  FOVEA_ASSIGN_OR_RETURN(
+      ShardIndex index, ReadShardIndex(*file, chunks, MaxEncodedBytes(window.layout.ChunkBytes())));
+  return index;
+}
+
+Status StoredStep::PlanShard(const Window& window, std::vector<Wanted> wanted,
+                             std::vector<Run>* runs) {
+  const LevelLayout& layout = window.layout;
+  const std::string path =
+      fmt::format("{}/{}/{}", path_, DetailPath(field_, layout.width),
+                  SpaceChunkName(step_, layout.ShardOf(wanted.front().chunk), /*with_bands=*/true));
+  const StatusOr<std::optional<ShardIndex>> index = ReadIndex(window, path);
+  std::vector<Wanted> found;
+  for (Wanted& one : wanted) {
+    if (!index.ok()) {
+      FOVEA_RETURN_IF_ERROR(Damaged(layout, one.chunk, index.status()));
+    } else if (*index && (**index)[layout.IndexInShard(one.chunk)]) {
+      one.entry = *(**index)[layout.IndexInShard(one.chunk)];
+      found.push_back(one);
+    } else if (one.stored == Stored::kYes) {
+      FOVEA_RETURN_IF_ERROR(
+          Damaged(layout, one.chunk, DataLoss("{} does not hold it, and should", path)));
+    }
+  }
+  std::sort(found.begin(), found.end(),
+            [](const Wanted& a, const Wanted& b) { return a.entry.offset < b.entry.offset; });
+  uint64_t end = 0;
+  bool new_run = true;
+  for (const Wanted& one : found) {
+    if (new_run || runs->back().chunks.size() >= kMaxRunChunks || one.entry.offset < end ||
+        one.entry.offset - end > kMaxGapBytes) {
+      runs->push_back({path, {}});
+      new_run = false;
+    }
+    runs->back().chunks.push_back(one);
+    end = one.entry.offset + one.entry.bytes;
+  }
+  return absl::OkStatus();
+}
+
+void CopyIntoWindow(const Window& window, const Int3& chunk, std::span<const float> values) {
+  const int64_t edge = window.layout.edge;
+  const Box3 part = Intersect(window.layout.ChunkBox(chunk), window.box);
+  const Int3 size = window.box.Size();
+  for (int64_t band = 0; band < kSubBands; ++band) {
+    for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
+      for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
+        const int64_t from =
+            ((band * edge + z - chunk.z * edge) * edge + y - chunk.y * edge) * edge + part.lo.x -
+            chunk.x * edge;
+        const int64_t to =
+            ((band * size.z + z - window.box.lo.z) * size.y + y - window.box.lo.y) * size.x +
+            part.lo.x - window.box.lo.x;
+        std::copy_n(values.data() + from, part.hi.x - part.lo.x, window.out.data() + to);
+      }
+    }
+  }
+}
+
+Status StoredStep::ReadRun(const Window& window, const Run& run) {
+  const ShardEntry& last = run.chunks.back().entry;
+  const uint64_t start = run.chunks.front().entry.offset;
+  std::vector<std::byte> bytes(last.offset + last.bytes - start);
+  StatusOr<ReadableFile> file = ReadableFile::Open(run.path);
+  if (absl::IsNotFound(file.status())) {
+    file = DataLoss("{} vanished while it was read", run.path);
+  }
+  const Status read = file.ok() ? file->ReadAt(static_cast<int64_t>(start), bytes) : file.status();
+  bytes_read_ += bytes.size();
+  Decoder decoder;
+  std::vector<float> values(static_cast<size_t>(window.layout.ChunkValues()));
+  for (const Wanted& one : run.chunks) {
+    Status status = read;
+    if (status.ok()) {
+      status = decoder.Decode(std::span(bytes).subspan(one.entry.offset - start, one.entry.bytes),
+                              std::as_writable_bytes(std::span(values)));
+    }
+    if (!status.ok()) {
+      FOVEA_RETURN_IF_ERROR(Damaged(window.layout, one.chunk, Annotate(status, run.path)));
+      continue;
+    }
+    CopyIntoWindow(window, one.chunk, values);
+    ++chunks_read_;
+  }
+  return absl::OkStatus();
+}
+
+Status StoredStep::ReadRuns(const Window& window, const std::vector<Run>& runs) {
+  std::vector<Status> results(runs.size());
+  ParallelFor(0, static_cast<int64_t>(runs.size()), 1, 0, [&](int64_t first, int64_t last) {
+    for (int64_t i = first; i < last; ++i) {
+      const auto at = static_cast<size_t>(i);
+      results[at] = ReadRun(window, runs[at]);
+    }
+  });
+  for (const Status& result : results) {
+    FOVEA_RETURN_IF_ERROR(result);
+  }
+  return absl::OkStatus();
+}
+
+Status StoredStep::ReadDetail(int level, const Box3& box, std::span<float> out) {
+  if (level < 0 || level >= info_.hierarchy.finest()) {
+    return Internal("ReadDetail of level {}: there are {}", level, info_.hierarchy.finest());
+  }
+  const auto at = static_cast<size_t>(level);
+  const auto values = static_cast<size_t>(kSubBands * box.Volume());
+  if (!Box3::OfSize(layouts_[at].dims).Contains(box) || out.size() != values) {
+    return Internal("ReadDetail of a window outside level {}, or into {} values instead of {}",
+                    level, out.size(), values);
+  }
+  if (box.IsEmpty()) {
+    return absl::OkStatus();
+  }
+  std::fill(out.begin(), out.end(), 0.0F);
+  const Window window{layouts_[at], *tables_[at], box, out};
+  std::map<std::array<int64_t, 3>, std::vector<Wanted>> shards;
+  FOVEA_RETURN_IF_ERROR(FindWanted(window, &shards));
+  std::vector<Run> runs;
+  for (auto& [position, wanted] : shards) {
+    FOVEA_RETURN_IF_ERROR(PlanShard(window, std::move(wanted), &runs));
+  }
+  return ReadRuns(window, runs);
+}
+
+}  // namespace
+
+std::unique_ptr<StepSource> MakeStepSource(const std::string& store_path, const DatasetInfo& info,
+                                           int64_t step, const std::string& field,
+                                           OnDamage on_damage) {
+  return std::make_unique<StoredStep>(store_path, info, step, field, on_damage);
+}
+
+}  // namespace fovea::store

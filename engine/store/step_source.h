@@ -1,0 +1,20 @@
+#ifndef ENGINE_STORE_STEP_SOURCE_H_
+#define ENGINE_STORE_STEP_SOURCE_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "engine/store/dataset.h"
+
+namespace fovea::store {
+
+/// The coefficients of one field of one committed step; both must exist.
+[[nodiscard]] std::unique_ptr<StepSource> MakeStepSource(const std::string& store_path,
+                                                         const DatasetInfo& info, int64_t step,
+                                                         const std::string& field,
+                                                         OnDamage on_damage);
+
+}  // namespace fovea::store
+
+#endif  // ENGINE_STORE_STEP_SOURCE_H_
