@@ -52,7 +52,7 @@ void ParallelFor(int64_t begin, int64_t end, int64_t grain, int threads,
   if (end <= begin) {
     return;
   }
-  const int wanted = threads > 0 ? threads : HardwareThreads();
+  const int wanted = threads > 0 ? std::min(threads, HardwareThreads()) : HardwareThreads();
   if (wanted == 1 || end - begin <= grain) {
     for (int64_t first = begin; first < end; first += grain) {
       body(first, std::min(end, first + grain));

@@ -10,9 +10,9 @@ namespace fovea {
 [[nodiscard]] int HardwareThreads();
 
 /// Calls `body(first, last)` over pieces that cover [begin, end) once, each of at most `grain`
-/// items, on at most `threads` threads (0: all processors). Returns when every piece is done.
-/// Which thread runs which piece varies; results must not depend on it. `body` must not throw.
-/// The only door to the scheduler: nothing else of the project includes oneTBB.
+/// items, on at most `threads` threads (0, or more than there are: all processors). Returns when
+/// every piece is done. Which thread runs which piece varies; results must not depend on it. `body`
+/// must not throw. The only door to the scheduler: nothing else of the project includes oneTBB.
 void ParallelFor(int64_t begin, int64_t end, int64_t grain, int threads,
                  const std::function<void(int64_t first, int64_t last)>& body);
 

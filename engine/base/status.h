@@ -33,10 +33,10 @@ using absl::StatusOr;
   return MakeStatus(status.code(), fmt::format("{}: {}", context, MessageOf(status)));
 }
 
-#define FOVEA_STATUS_MAKER(Name, code)                                        \
-  template <typename... Args>                                                 \
+#define FOVEA_STATUS_MAKER(Name, code)                                          \
+  template <typename... Args>                                                   \
   [[nodiscard]] Status Name(fmt::format_string<Args...> text, Args&&... args) { \
-    return MakeStatus(code, fmt::format(text, std::forward<Args>(args)...));  \
+    return MakeStatus(code, fmt::format(text, std::forward<Args>(args)...));    \
   }
 FOVEA_STATUS_MAKER(InvalidArgument, absl::StatusCode::kInvalidArgument)
 FOVEA_STATUS_MAKER(NotFound, absl::StatusCode::kNotFound)
@@ -57,10 +57,11 @@ FOVEA_STATUS_MAKER(DeadlineExceeded, absl::StatusCode::kDeadlineExceeded)
 #define FOVEA_CONCAT(a, b) FOVEA_CONCAT_INNER(a, b)
 
 /// Returns the error of `expression` (a Status), if it has one.
-#define FOVEA_RETURN_IF_ERROR(expression)           \
-  do {                                              \
-    ::fovea::Status fovea_status_ = (expression);   \
-    if (!fovea_status_.ok()) return fovea_status_;  \
+#define FOVEA_RETURN_IF_ERROR(expression)         \
+  do {                                            \
+    ::fovea::Status fovea_status_ = (expression); \
+    if (!fovea_status_.ok())                      \
+      return fovea_status_;                       \
   } while (false)
 
 /// FOVEA_ASSIGN_OR_RETURN(auto x, MakeX()): assigns the value, or returns the error.
@@ -68,7 +69,8 @@ FOVEA_STATUS_MAKER(DeadlineExceeded, absl::StatusCode::kDeadlineExceeded)
   FOVEA_ASSIGN_OR_RETURN_(FOVEA_CONCAT(fovea_result_, __LINE__), target, expression)
 #define FOVEA_ASSIGN_OR_RETURN_(result, target, expression) \
   auto result = (expression);                               \
-  if (!result.ok()) return std::move(result).status();      \
+  if (!result.ok())                                         \
+    return std::move(result).status();                      \
   target = std::move(result).value()
 
 #endif  // ENGINE_BASE_STATUS_H_

@@ -17,9 +17,9 @@ StatusOr<Grid> CoarsestGrid(CoefficientSource& source) {
   for (int64_t z = grid.box.lo.z; z < grid.box.hi.z; ++z) {
     for (int64_t y = grid.box.lo.y; y < grid.box.hi.y; ++y) {
       for (int64_t x = grid.box.lo.x; x < grid.box.hi.x; ++x) {
-        grid.At(x, y, z) = inner.At(std::clamp<int64_t>(x, 0, dims.x - 1),
-                                    std::clamp<int64_t>(y, 0, dims.y - 1),
-                                    std::clamp<int64_t>(z, 0, dims.z - 1));
+        grid.At(x, y, z) =
+            inner.At(std::clamp<int64_t>(x, 0, dims.x - 1), std::clamp<int64_t>(y, 0, dims.y - 1),
+                     std::clamp<int64_t>(z, 0, dims.z - 1));
       }
     }
   }
@@ -66,8 +66,8 @@ StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& 
     FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
     times.read_ms += watch.RestartMs();
     Grid child(retained.box(level + 1).Grown(kApron));
-    wavelet::InverseHaarLevel(result.levels[level], window, detail,
-                              hierarchy.DimsAt(level + 1), threads, &child);
+    wavelet::InverseHaarLevel(result.levels[level], window, detail, hierarchy.DimsAt(level + 1),
+                              threads, &child);
     result.levels.push_back(std::move(child));
     times.reconstruct_ms += watch.RestartMs();
   }
@@ -83,9 +83,10 @@ StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,
   std::vector<Box3> boxes(static_cast<size_t>(hierarchy.finest()) + 1);
   boxes.back() = Intersect(box, Box3::OfSize(hierarchy.dims()));
   if (boxes.back() != box || box.IsEmpty()) {
-    return InvalidArgument("box {},{},{} to {},{},{} is not within the volume of {} x {} x {} voxels",
-                           box.lo.x, box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z,
-                           hierarchy.dims().x, hierarchy.dims().y, hierarchy.dims().z);
+    return InvalidArgument(
+        "box {},{},{} to {},{},{} is not within the volume of {} x {} x {} voxels", box.lo.x,
+        box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z, hierarchy.dims().x, hierarchy.dims().y,
+        hierarchy.dims().z);
   }
   for (int level = hierarchy.finest() - 1; level >= 0; --level) {
     boxes[level] = ParentsOf(boxes[level + 1]);

@@ -32,8 +32,7 @@ Box3 WindowAt(const Hierarchy& hierarchy, const Fovea& fovea, int level) {
   for (int axis = 0; axis < 3; ++axis) {
     const double centre = fovea.at[axis] / scale;
     // Always floor(x + 1/2): std::round and half-to-even do not nest.
-    const auto lo =
-        static_cast<int64_t>(std::floor(centre - static_cast<double>(width) / 2 + 0.5));
+    const auto lo = static_cast<int64_t>(std::floor(centre - static_cast<double>(width) / 2 + 0.5));
     window.lo[axis] = std::clamp<int64_t>(lo, 0, dims[axis]);
     window.hi[axis] = std::clamp<int64_t>(lo + width, 0, dims[axis]);
   }

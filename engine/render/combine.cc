@@ -133,16 +133,27 @@ Rgba Covered(const Pixel& pixel) {
   return {pixel.red, pixel.green, pixel.blue, 1.0F - pixel.transmittance};
 }
 
+/// A child whose ray leaves through a side of the volume does not speak for a pixel that has
+/// others crossing from face to face: it would draw the volume's edge into the middle of the pixel.
 Rgba MeanOfChildren(const PyramidLevel& finer, int64_t u, int64_t v) {
-  Rgba mean;
+  const auto crosses = [&](int i) {
+    return finer.plan.crossing.Contains(2 * u + (i & 1), 2 * v + (i >> 1));
+  };
+  const bool any = crosses(0) || crosses(1) || crosses(2) || crosses(3);
+  Rgba sum;
+  float count = 0;
   for (int i = 0; i < 4; ++i) {
+    if (any && !crosses(i)) {
+      continue;
+    }
     const Rgba& child = finer.values[finer.Index(2 * u + (i & 1), 2 * v + (i >> 1))];
-    mean.red += 0.25F * child.red;
-    mean.green += 0.25F * child.green;
-    mean.blue += 0.25F * child.blue;
-    mean.alpha += 0.25F * child.alpha;
+    sum.red += child.red;
+    sum.green += child.green;
+    sum.blue += child.blue;
+    sum.alpha += child.alpha;
+    ++count;
   }
-  return mean;
+  return {sum.red / count, sum.green / count, sum.blue / count, sum.alpha / count};
 }
 
 /// The level's values, once the next finer level has its own. `coarser` is null for level 0.

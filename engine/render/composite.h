@@ -77,16 +77,15 @@ inline void Accumulate(const Classified& c, float tau, Pixel* pixel) {
 /// world axes, in units of the smallest voxel spacing.
 struct WeightedRow {
   Weighting weighting;
-  Vec3 first;        // sample of pixel 0
-  Vec3 step;         // to the next pixel's sample
-  Vec3 sight;        // unit direction of sight
-  double length = 0; // path through the slab
-  double nearer_half = 0;  // path from the slab's near face to its sample's slice
+  Vec3 first;         // sample of pixel 0
+  Vec3 step;          // to the next pixel's sample
+  Vec3 sight;         // unit direction of sight
+  double length = 0;  // path through the slab; its samples lie halfway
 
   /// The path beyond the chopping plane, which stands before the fovea. Section 4, chop.
   [[nodiscard]] float KeptLength(int64_t i) const {
     const double beyond = Dot(first + static_cast<double>(i) * step, sight);
-    const double far_face = beyond - nearer_half + length;
+    const double far_face = beyond + length / 2;
     return static_cast<float>(std::min(std::max(far_face, 0.0), length));
   }
   /// 1 / (1 + a distance). Section 4, falloff.
@@ -97,7 +96,8 @@ struct WeightedRow {
 
 /// Optical depth of a slab of `length` under falloff: T = (1 - D alpha)^length.
 inline float FalloffDepth(float sigma, double falloff, double length) {
-  return static_cast<float>(-length * std::log1p(falloff * std::expm1(-static_cast<double>(sigma))));
+  return static_cast<float>(-length *
+                            std::log1p(falloff * std::expm1(-static_cast<double>(sigma))));
 }
 
 }  // namespace fovea::render

@@ -131,7 +131,8 @@ StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats) 
     for (int64_t y = 0; y < dims.y; ++y) {
       for (int64_t x = 0; x < dims.x; ++x) {
         double sum = 0;
-        const Box3 around = Intersect(Box3::OfSize(dims), Box3{{x, y, z}, {x + 1, y + 1, z + 1}}.Grown(1));
+        const Box3 around =
+            Intersect(Box3::OfSize(dims), Box3{{x, y, z}, {x + 1, y + 1, z + 1}}.Grown(1));
         for (int64_t cz = around.lo.z; cz < around.hi.z; ++cz) {
           for (int64_t cy = around.lo.y; cy < around.hi.y; ++cy) {
             for (int64_t cx = around.lo.x; cx < around.hi.x; ++cx) {

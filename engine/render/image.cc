@@ -21,8 +21,8 @@ std::array<float, 256> MakeThresholds() {
   std::array<float, 256> thresholds{};
   for (int b = 1; b < 256; ++b) {
     const double srgb = (b - 0.5) / 255;
-    const double linear = srgb <= 12.92 * 0.0031308 ? srgb / 12.92
-                                                    : std::pow((srgb + 0.055) / 1.055, 2.4);
+    const double linear =
+        srgb <= 12.92 * 0.0031308 ? srgb / 12.92 : std::pow((srgb + 0.055) / 1.055, 2.4);
     auto start = static_cast<float>(linear);
     while (ToByte(SrgbFromLinear(start)) < b) {
       start = std::nextafter(start, 2.0F);

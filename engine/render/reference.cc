@@ -56,18 +56,63 @@ float OpticalDepth(const WeightedRow& row, float sigma, int64_t i) {
   return 0;
 }
 
-/// Pixels of one voxel, around every ray that meets the volume.
-Rect SheetRect(const Int3& dims, const ShearView& view) {
-  const auto range = [&](int64_t size, double slope, int64_t* lo, int64_t* hi) {
-    const double drift = slope * static_cast<double>(dims[view.axis_k]);
-    *lo = static_cast<int64_t>(std::floor(-std::max(drift, 0.0)));
-    *hi = size + static_cast<int64_t>(std::ceil(-std::min(drift, 0.0)));
-  };
-  Rect rect;
-  range(dims[view.axis_u], view.slope_u, &rect.u0, &rect.u1);
-  range(dims[view.axis_v], view.slope_v, &rect.v0, &rect.v1);
-  return rect;
-}
+/// Equation (3) for the rays of one row of the sheet, slice by slice from the viewer.
+class RowTracer {
+ public:
+  RowTracer(const Grid& voxels, const Matrix4& index_to_world, const Vec3& fovea,
+            const RenderSettings& settings, const ShearView& view, const TransferTable& table)
+      : sampler_(voxels, view),
+        dims_(voxels.box.Size()),
+        index_to_world_(index_to_world),
+        fovea_(fovea),
+        settings_(settings),
+        view_(view),
+        table_(table) {}
+
+  /// Fills `pixels` (pixels[0] is column `u0`); returns the samples taken.
+  uint64_t Trace(int64_t v, int64_t u0, std::vector<Pixel>* pixels) const {
+    std::fill(pixels->begin(), pixels->end(), Pixel{});
+    uint64_t samples = 0;
+    const int64_t count = dims_[view_.axis_k];
+    for (int64_t n = 0; n < count; ++n) {
+      samples += TraceSlice(v, view_.ascending ? n : count - 1 - n, pixels->data() - u0);
+    }
+    return samples;
+  }
+
+ private:
+  uint64_t TraceSlice(int64_t v, int64_t k, Pixel* pixels) const {
+    const double z = static_cast<double>(k) + 0.5;
+    const SliceShift shift{view_.slope_u * z, view_.slope_v * z};
+    const Rect inside = PixelsInside(0, static_cast<double>(dims_[view_.axis_u]), 0,
+                                     static_cast<double>(dims_[view_.axis_v]), shift);
+    if (v < inside.v0 || v >= inside.v1) {
+      return 0;
+    }
+    const WeightedRow row =
+        MakeWeightedRow(view_, index_to_world_, fovea_, settings_.weighting, v, k, 1, 1);
+    const double floor_u = std::floor(shift.u);
+    const double floor_v = std::floor(shift.v);
+    const auto whole_u = static_cast<int64_t>(floor_u);
+    const auto whole_v = static_cast<int64_t>(floor_v);
+    const auto fu = static_cast<float>(shift.u - floor_u);
+    const auto fv = static_cast<float>(shift.v - floor_v);
+    for (int64_t u = inside.u0; u < inside.u1; ++u) {
+      const float value = sampler_.At(u + whole_u, v + whole_v, k, fu, fv);
+      const Classified c = Classify(table_.entries(), table_.offset(), table_.scale(), value);
+      Accumulate(c, OpticalDepth(row, c.sigma, u), &pixels[u]);
+    }
+    return static_cast<uint64_t>(inside.u1 - inside.u0);
+  }
+
+  SliceSampler sampler_;
+  Int3 dims_;
+  const Matrix4& index_to_world_;
+  Vec3 fovea_;
+  const RenderSettings& settings_;
+  const ShearView& view_;
+  const TransferTable& table_;
+};
 
 }  // namespace
 
@@ -80,53 +125,26 @@ StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_worl
   const ShearView view =
       FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
   const TransferTable table(settings.transfer);
-  const SliceSampler sampler(voxels, view);
+  const RowTracer tracer(voxels, index_to_world, fovea, settings, view, table);
   PyramidLevel sheet;
   sheet.plan.rect = SheetRect(dims, view);
-  const Rect& rect = sheet.plan.rect;
+  const Rect rect = sheet.plan.rect;
   sheet.values.resize(static_cast<size_t>(rect.Width() * rect.Height()));
-  sheet.present.assign(sheet.values.size(), 1);
   sheet.split.assign(sheet.values.size(), 0);
   std::atomic<uint64_t> samples{0};
   ParallelFor(rect.v0, rect.v1, 8, settings.threads, [&](int64_t first, int64_t last) {
-    uint64_t counted = 0;
     std::vector<Pixel> pixels(static_cast<size_t>(rect.Width()));
     for (int64_t v = first; v < last; ++v) {
-      std::fill(pixels.begin(), pixels.end(), Pixel{});
-      const int64_t count = dims[view.axis_k];
-      for (int64_t n = 0; n < count; ++n) {
-        const int64_t k = view.ascending ? n : count - 1 - n;
-        const double z = static_cast<double>(k) + 0.5;
-        const SliceShift shift{view.slope_u * z, view.slope_v * z};
-        const Rect inside =
-            PixelsInside(0, static_cast<double>(dims[view.axis_u]), 0,
-                         static_cast<double>(dims[view.axis_v]), shift);
-        if (v < inside.v0 || v >= inside.v1) {
-          continue;
-        }
-        const WeightedRow row =
-            MakeWeightedRow(view, index_to_world, fovea, settings.weighting, v, k, 1, 1);
-        const double floor_u = std::floor(shift.u);
-        const double floor_v = std::floor(shift.v);
-        const auto fu = static_cast<float>(shift.u - floor_u);
-        const auto fv = static_cast<float>(shift.v - floor_v);
-        for (int64_t u = inside.u0; u < inside.u1; ++u) {
-          const float value = sampler.At(u + static_cast<int64_t>(floor_u),
-                                         v + static_cast<int64_t>(floor_v), k, fu, fv);
-          const Classified c = Classify(table.entries(), table.offset(), table.scale(), value);
-          Accumulate(c, OpticalDepth(row, c.sigma, u), &pixels[u - rect.u0]);
-        }
-        counted += static_cast<uint64_t>(std::max<int64_t>(0, inside.u1 - inside.u0));
-      }
+      samples += tracer.Trace(v, rect.u0, &pixels);
       for (int64_t u = rect.u0; u < rect.u1; ++u) {
         const Pixel& p = pixels[u - rect.u0];
         sheet.values[sheet.Index(u, v)] = {p.red, p.green, p.blue, 1 - p.transmittance};
       }
     }
-    samples += counted;
   });
   const double render_ms = watch.RestartMs();
-  Image image = WarpLeaves({sheet}, view, settings.width_px, settings.height_px, settings.threads);
+  Image image =
+      WarpLeaves({sheet}, rect, view, settings.width_px, settings.height_px, settings.threads);
   if (stats != nullptr) {
     *stats = {samples, render_ms, watch.RestartMs()};
   }

@@ -17,8 +17,8 @@ Status Validate(const RenderSettings& settings) {
   if (!(a >= 0 && a <= 1e6)) {
     return InvalidArgument("falloff_per_voxel {} is outside its range, 0 to 1e6", a);
   }
-  for (const auto& [name, size] : {std::pair("width_px", settings.width_px),
-                                   std::pair("height_px", settings.height_px)}) {
+  for (const auto& [name, size] :
+       {std::pair("width_px", settings.width_px), std::pair("height_px", settings.height_px)}) {
     if (size < 1 || size > kMaxPicturePixels) {
       return InvalidArgument("{} {} is outside its range, 1 to {}", name, size, kMaxPicturePixels);
     }
@@ -37,11 +37,12 @@ StatusOr<Image> RenderFoveated(const SuperVoxels& volume, const Matrix4& index_t
       Combine(TraceThickRays(volume, view, index_to_world, settings, &counted.samples),
               settings.smoothing == Smoothing::kFull, settings.threads);
   counted.render_ms = watch.RestartMs();
-  Image image =
-      settings.smoothing == Smoothing::kNone
-          ? WarpLeaves(pyramid, view, settings.width_px, settings.height_px, settings.threads)
-          : WarpSmooth(Smooth(pyramid, settings.threads), pyramid.front().plan.rect, view,
-                       settings.width_px, settings.height_px, settings.threads);
+  const Rect sheet = SheetRect(volume.retained.hierarchy().dims(), view);
+  Image image = settings.smoothing == Smoothing::kNone
+                    ? WarpLeaves(pyramid, sheet, view, settings.width_px, settings.height_px,
+                                 settings.threads)
+                    : WarpSmooth(Smooth(pyramid), sheet, view, settings.width_px,
+                                 settings.height_px, settings.threads);
   counted.smooth_warp_ms = watch.RestartMs();
   if (stats != nullptr) {
     *stats = counted;

@@ -37,8 +37,8 @@ struct RenderSettings {
 };
 
 struct RenderStats {
-  uint64_t samples = 0;       // scalar samples classified and composited
-  double render_ms = 0;       // thick rays and combining
+  uint64_t samples = 0;  // scalar samples classified and composited
+  double render_ms = 0;  // thick rays and combining
   double smooth_warp_ms = 0;
 };
 

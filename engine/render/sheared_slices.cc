@@ -87,11 +87,13 @@ class LevelPlanner {
   [[nodiscard]] SlicePlan BareSlice(int64_t k) const {
     SlicePlan slice;
     slice.k = k;
-    const double z = static_cast<double>(k) + 0.5;
-    slice.shift = {view_.slope_u * z, view_.slope_v * z};
-    slice.in_volume = PixelsInside(0, Extent(view_.axis_u), 0, Extent(view_.axis_v), slice.shift);
-    // The last super-voxel in storage order may overhang: it is as thick as its part inside.
+    // The last super-voxel in storage order may overhang: it is as thick as its part inside, and
+    // is sampled in the middle of that.
     slice.thickness = std::min(1.0, Extent(view_.axis_k) - static_cast<double>(k));
+    const double z = static_cast<double>(k) + slice.thickness / 2;
+    slice.shift = {view_.slope_u * z, view_.slope_v * z};
+    slice.in_volume =
+        PixelsInside(0, SampledExtent(view_.axis_u), 0, SampledExtent(view_.axis_v), slice.shift);
     return slice;
   }
 
@@ -124,6 +126,12 @@ class LevelPlanner {
   /// The volume's extent on an axis, in this level's units; not whole where it overhangs.
   [[nodiscard]] double Extent(int axis) const {
     return static_cast<double>(retained_.hierarchy().dims()[axis]) / width_;
+  }
+  /// How far samples count on an axis: to the volume's border, but at least to the centre of the
+  /// last super-voxel, or one that overhangs by half would never be drawn.
+  [[nodiscard]] double SampledExtent(int axis) const {
+    constexpr double kJustPast = 1e-9;
+    return std::max(Extent(axis), static_cast<double>(dims_[axis]) - 0.5 + kJustPast);
   }
   [[nodiscard]] const Int3& dims() const { return dims_; }
   [[nodiscard]] bool has_window() const { return has_window_; }
@@ -175,8 +183,9 @@ class LevelPlanner {
 Rect CoarsestRect(const LevelPlanner& planner, const ShearView& view) {
   const auto range = [&](int axis, double slope, int64_t* lo, int64_t* hi) {
     const double drift = slope * planner.Extent(view.axis_k);
+    const auto cells = static_cast<double>(planner.dims()[axis]);
     *lo = static_cast<int64_t>(std::floor(-std::max(drift, 0.0)));
-    *hi = static_cast<int64_t>(std::ceil(planner.Extent(axis) - std::min(drift, 0.0)));
+    *hi = static_cast<int64_t>(std::ceil(cells - std::min(drift, 0.0)));
   };
   Rect rect;
   range(view.axis_u, view.slope_u, &rect.u0, &rect.u1);
@@ -218,6 +227,18 @@ void AddChildSlices(const LevelPlan& coarser, const LevelPlanner& planner, const
 
 }  // namespace
 
+Rect SheetRect(const Int3& dims, const ShearView& view) {
+  const auto range = [&](int64_t size, double slope, int64_t* lo, int64_t* hi) {
+    const double drift = slope * static_cast<double>(dims[view.axis_k]);
+    *lo = static_cast<int64_t>(std::floor(-std::max(drift, 0.0)));
+    *hi = size + static_cast<int64_t>(std::ceil(-std::min(drift, 0.0)));
+  };
+  Rect rect;
+  range(dims[view.axis_u], view.slope_u, &rect.u0, &rect.u1);
+  range(dims[view.axis_v], view.slope_v, &rect.v0, &rect.v1);
+  return rect;
+}
+
 std::vector<LevelPlan> PlanLevels(const RetainedSet& retained, const ShearView& view) {
   std::vector<LevelPlan> levels;
   for (int level = 0; level <= retained.hierarchy().finest(); ++level) {
@@ -225,6 +246,8 @@ std::vector<LevelPlan> PlanLevels(const RetainedSet& retained, const ShearView& 
     LevelPlan plan;
     plan.level = level;
     plan.width = retained.hierarchy().WidthAt(level);
+    plan.crossing = Intersect(planner.BareSlice(0).in_volume,
+                              planner.BareSlice(planner.dims()[view.axis_k] - 1).in_volume);
     if (level == 0) {
       plan.rect = CoarsestRect(planner, view);
       const int64_t count = planner.dims()[view.axis_k];

@@ -43,7 +43,7 @@ class SliceView {
   int64_t row_stride_ = 0, slice_stride_ = 0;
 };
 
-/// Where a slice at height z (level-l units) samples: pixel i stands at i + 1/2 + shift_u.
+/// Where a slice samples, in its level's units: pixel i stands at i + 1/2 + shift.
 struct SliceShift {
   double u = 0, v = 0;
 };
@@ -56,11 +56,11 @@ struct SliceShift {
 struct SlicePlan {
   int64_t k = 0;
   SliceShift shift;
-  Rect owned;       // what levels below and at this one draw in this slice
-  Rect child;       // R: the part of it that the next level draws; may be empty
-  Rect back;        // columns back.u0..u1 and rows back.v0..v1 that lie beyond a leaving edge
+  Rect owned;  // what levels below and at this one draw in this slice
+  Rect child;  // R: the part of it that the next level draws; may be empty
+  Rect back;   // columns back.u0..u1 and rows back.v0..v1 that lie beyond a leaving edge
   enum class Place { kBefore, kWithin, kBehind } place = Place::kBefore;  // the window's slices
-  Rect in_volume;   // pixels whose centre lies inside the volume
+  Rect in_volume;        // pixels whose centre lies inside the volume: only they sample
   double thickness = 1;  // of the slab, in this level's voxels: less than 1 at the far border
 };
 
@@ -71,8 +71,21 @@ struct LevelPlan {
   Rect rect;
   /// Sides of rect beyond which there is no volume (else: a coarser level's pixels).
   bool void_u0 = true, void_u1 = true, void_v0 = true, void_v1 = true;
+  /// Pixels whose ray is inside the volume in every slice: it enters the near face and leaves the
+  /// far face.
+  Rect crossing;
   std::vector<SlicePlan> slices;
+
+  /// Whether a pixel outside rect lies where there is no volume.
+  [[nodiscard]] bool IsVoid(int64_t u, int64_t v) const {
+    return (u < rect.u0 && void_u0) || (u >= rect.u1 && void_u1) || (v < rect.v0 && void_v0) ||
+           (v >= rect.v1 && void_v1);
+  }
 };
+
+/// The pixels one voxel wide whose rays can meet the volume: full resolution's sheared image, and
+/// what no picture draws beyond.
+[[nodiscard]] Rect SheetRect(const Int3& dims, const ShearView& view);
 
 /// Levels 0, 1, ... as far as any pixel is owned. ALGORITHM: ownership, front or back.
 [[nodiscard]] std::vector<LevelPlan> PlanLevels(const RetainedSet& retained, const ShearView& view);

@@ -2,58 +2,22 @@
 
 #include <algorithm>
 
-#include "engine/base/parallel.h"
-
 namespace fovea::render {
 namespace {
 
-/// Pixels beyond a level's own that are kept around it: they follow the coarser level, or are
-/// transparent where there is no volume.
-constexpr int64_t kMargin = 2;
 /// Pixels from the edge of a level's own over which it takes over from the coarser level.
 constexpr int kTaper = 3;
-
-void AddScaled(const Rgba& from, float weight, Rgba* to) {
-  to->red += weight * from.red;
-  to->green += weight * from.green;
-  to->blue += weight * from.blue;
-  to->alpha += weight * from.alpha;
-}
-
-/// Bilinear upsampling: a child's centre lies a quarter of a parent off its parent's centre.
-Rgba Upsampled(const SmoothLevel& coarser, int64_t u, int64_t v) {
-  const int64_t pu = u >> 1;
-  const int64_t pv = v >> 1;
-  const int64_t du = (u & 1) != 0 ? 1 : -1;
-  const int64_t dv = (v & 1) != 0 ? 1 : -1;
-  Rgba sum;
-  AddScaled(coarser.At(pu, pv), 9.0F / 16, &sum);
-  AddScaled(coarser.At(pu + du, pv), 3.0F / 16, &sum);
-  AddScaled(coarser.At(pu, pv + dv), 3.0F / 16, &sum);
-  AddScaled(coarser.At(pu + du, pv + dv), 1.0F / 16, &sum);
-  return sum;
-}
 
 /// For each pixel of the level, how much of its own value counts: 1 from kTaper pixels inside the
 /// edge of what is present, 0 where it is not present. Where there is no volume there is no edge.
 std::vector<float> TaperOf(const PyramidLevel& level) {
   const Rect& rect = level.plan.rect;
-  const auto distance_outside = [](bool is_void) { return is_void ? kTaper : 0; };
   std::vector<int> distance(level.present.size());
   const auto at = [&](int64_t u, int64_t v) {
-    if (u < rect.u0) {
-      return distance_outside(level.plan.void_u0);
+    if (rect.Contains(u, v)) {
+      return distance[level.Index(u, v)];
     }
-    if (u >= rect.u1) {
-      return distance_outside(level.plan.void_u1);
-    }
-    if (v < rect.v0) {
-      return distance_outside(level.plan.void_v0);
-    }
-    if (v >= rect.v1) {
-      return distance_outside(level.plan.void_v1);
-    }
-    return distance[level.Index(u, v)];
+    return level.plan.IsVoid(u, v) ? kTaper : 0;
   };
   // Chessboard distance to the nearest absent pixel, in two sweeps.
   for (int64_t v = rect.v0; v < rect.v1; ++v) {
@@ -78,54 +42,21 @@ std::vector<float> TaperOf(const PyramidLevel& level) {
   return taper;
 }
 
-/// How the pixel (u, v) of a level's smoothed image is made.
-enum class Origin { kOwn, kCoarser, kVoid };
-
-Origin OriginOf(const LevelPlan& plan, int64_t u, int64_t v) {
-  const Rect& rect = plan.rect;
-  if ((u < rect.u0 && plan.void_u0) || (u >= rect.u1 && plan.void_u1) ||
-      (v < rect.v0 && plan.void_v0) || (v >= rect.v1 && plan.void_v1)) {
-    return Origin::kVoid;
-  }
-  return rect.Contains(u, v) ? Origin::kOwn : Origin::kCoarser;
-}
-
-/// One level from the coarser one, which is null for level 0.
-SmoothLevel Refine(const SmoothLevel* coarser, const PyramidLevel& level, int threads) {
-  const Rect& own = level.plan.rect;
-  SmoothLevel result;
-  result.rect = {own.u0 - kMargin, own.u1 + kMargin, own.v0 - kMargin, own.v1 + kMargin};
-  result.width = level.plan.width;
-  result.values.resize(static_cast<size_t>(result.rect.Width() * result.rect.Height()));
-  const std::vector<float> taper = TaperOf(level);
-  ParallelFor(result.rect.v0, result.rect.v1, 8, threads, [&](int64_t first, int64_t last) {
-    for (int64_t v = first; v < last; ++v) {
-      Rgba* row = result.values.data() + (v - result.rect.v0) * result.rect.Width();
-      for (int64_t u = result.rect.u0; u < result.rect.u1; ++u, ++row) {
-        const Origin origin = OriginOf(level.plan, u, v);
-        if (origin == Origin::kVoid) {
-          continue;
-        }
-        const size_t i = origin == Origin::kOwn ? level.Index(u, v) : 0;
-        const float share = origin == Origin::kOwn ? taper[i] : 0.0F;
-        if (share < 1) {
-          AddScaled(Upsampled(*coarser, u, v), 1 - share, row);
-        }
-        if (share > 0) {
-          AddScaled(level.values[i], share, row);
-        }
-      }
-    }
-  });
-  return result;
-}
-
 }  // namespace
 
-std::vector<SmoothLevel> Smooth(const std::vector<PyramidLevel>& pyramid, int threads) {
+std::vector<SmoothLevel> Smooth(const std::vector<PyramidLevel>& pyramid) {
   std::vector<SmoothLevel> levels;
   for (const PyramidLevel& level : pyramid) {
-    levels.push_back(Refine(levels.empty() ? nullptr : &levels.back(), level, threads));
+    SmoothLevel& smooth = levels.emplace_back();
+    smooth.plan = level.plan;
+    smooth.weights = TaperOf(level);
+    smooth.weighted.resize(level.values.size());
+    for (size_t i = 0; i < level.values.size(); ++i) {
+      const float weight = smooth.weights[i];
+      const Rgba& value = level.values[i];
+      smooth.weighted[i] = {weight * value.red, weight * value.green, weight * value.blue,
+                            weight * value.alpha};
+    }
   }
   return levels;
 }

@@ -7,24 +7,21 @@
 
 namespace fovea::render {
 
-/// One level of the smoothed foveated image, row by row over `rect`: the level's own pixels and,
-/// around them, a margin that continues the coarser level.
+/// One level of the foveated image, ready to be interpolated: each pixel's value times its weight,
+/// and the weight. It is 1 inside, falls to 0 over a few pixels towards the edge of what the level
+/// has, and is 1 with a transparent value where there is no volume.
 struct SmoothLevel {
-  Rect rect;
-  int64_t width = 1;  // voxels a pixel
-  std::vector<Rgba> values;
-
-  [[nodiscard]] const Rgba& At(int64_t u, int64_t v) const {
-    return values[static_cast<size_t>((v - rect.v0) * rect.Width() + u - rect.u0)];
-  }
+  LevelPlan plan;
+  std::vector<Rgba> weighted;
+  std::vector<float> weights;
 };
 
-/// Space-variant smoothing, O(leaf pixels): the foveated image rebuilt with a smooth basis instead
-/// of Haar. Yu et al., section 5. Each level is the coarser one upsampled smoothly, with its own
-/// values where it has pixels, tapered towards the edge of what it has. Pixels at least the taper
-/// inside keep their value exactly.
-[[nodiscard]] std::vector<SmoothLevel> Smooth(const std::vector<PyramidLevel>& pyramid,
-                                              int threads);
+/// Space-variant smoothing, Yu et al., section 5: the foveated image rebuilt with a smooth basis
+/// instead of Haar's boxes. At a point p the value is, from coarse to fine,
+///   v_l(p) = (1 - w_l(p)) v_{l-1}(p) + (w a)_l(p),
+/// w_l and (w a)_l the bilinear interpolants of level l. Thick pixels are smoothed over their own
+/// width; where the finest level has all four taps the value is that level's alone.
+[[nodiscard]] std::vector<SmoothLevel> Smooth(const std::vector<PyramidLevel>& pyramid);
 
 }  // namespace fovea::render
 

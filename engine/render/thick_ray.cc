@@ -11,7 +11,7 @@ namespace fovea::render {
 WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world, const Vec3& fovea,
                             const Weighting& weighting, int64_t v, int64_t k, double width,
                             double thickness) {
-  const double z = static_cast<double>(k) + 0.5;
+  const double z = static_cast<double>(k) + thickness / 2;
   Vec3 at;
   at[view.axis_u] = width * (0.5 + view.slope_u * z);
   at[view.axis_v] = width * (static_cast<double>(v) + 0.5 + view.slope_v * z);
@@ -25,8 +25,6 @@ WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world
   row.step = scale * index_to_world.TransformDirection(step);
   row.sight = view.sight;
   row.length = width * thickness * view.step_length;
-  // In storage order the cell starts half a slice before its sample; what overhangs lies after.
-  row.nearer_half = (view.ascending ? 0.5 : thickness - 0.5) * width * view.step_length;
   return row;
 }
 
@@ -36,9 +34,9 @@ namespace {
 struct Run {
   const float* row0;  // taps of pixel i: row0[i], row0[i + 1], row1[i], row1[i + 1]
   const float* row1;
-  float fu, fv;       // weights of the second taps
+  float fu, fv;  // weights of the second taps
   int64_t begin, end;
-  Pixel* pixels;      // of pixel 0
+  Pixel* pixels;  // of pixel 0
   float* depths;
 };
 
@@ -170,8 +168,8 @@ class LevelTracer {
     const float w10 = (1 - run.fu) * run.fv;
     const float w11 = run.fu * run.fv;
     for (int64_t i = run.begin; i < run.end; ++i) {
-      const float value = (w00 * run.row0[i] + w01 * run.row0[i + 1]) +
-                          (w10 * run.row1[i] + w11 * run.row1[i + 1]);
+      const float value =
+          (w00 * run.row0[i] + w01 * run.row0[i + 1]) + (w10 * run.row1[i] + w11 * run.row1[i + 1]);
       const Classified c = Classify(entries, offset, scale, value);
       const float tau = optical_depth(i, c.sigma, &run.depths[i]);
       if (tau > 0) {

@@ -38,8 +38,8 @@ struct Layer {
                                                 const Matrix4& index_to_world,
                                                 const RenderSettings& settings, uint64_t* samples);
 
-/// The weighting along a row: pixel i of row v of a slice at height (k + 1/2), pixels `width`
-/// voxels wide. `thickness` is the slab's, in slices of that width.
+/// The weighting along row v of slice k, pixels and slices `width` voxels wide. `thickness` is the
+/// slab's, in slices: 1, or less at the far border.
 [[nodiscard]] WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world,
                                           const Vec3& fovea, const Weighting& weighting, int64_t v,
                                           int64_t k, double width, double thickness);

@@ -14,7 +14,9 @@ constexpr size_t kMaxPoints = 4096;
 /// Opacity 1 would need infinite extinction; this transmits 2^-24, less than a float can show.
 constexpr double kMostOpacity = 1.0 - 1.0 / (1 << 24);
 
-bool IsUnit(float x) { return x >= 0.0F && x <= 1.0F; }
+bool IsUnit(float x) {
+  return x >= 0.0F && x <= 1.0F;
+}
 
 /// Splits off the text before `separator`, or all of it.
 std::string_view TakeUntil(std::string_view* text, char separator) {
@@ -67,10 +69,10 @@ StatusOr<TransferFunction> ParseJson(std::string_view text) {
                      [](const auto& c) { return c.is_number(); })) {
       return bad(fmt::format("point {} is not complete", transfer.points.size()));
     }
-    transfer.points.push_back(
-        {item["value"].get<double>(),
-         {item["color"][0].get<float>(), item["color"][1].get<float>(), item["color"][2].get<float>()},
-         item["opacity"].get<float>()});
+    transfer.points.push_back({item["value"].get<double>(),
+                               {item["color"][0].get<float>(), item["color"][1].get<float>(),
+                                item["color"][2].get<float>()},
+                               item["opacity"].get<float>()});
   }
   return transfer;
 }
@@ -156,8 +158,8 @@ Sample Evaluate(const std::vector<TransferFunction::Point>& points, double value
                        [](double v, const TransferFunction::Point& p) { return v < p.value; });
   const TransferFunction::Point& b = above == points.end() ? points.back() : *above;
   const TransferFunction::Point& a = above == points.begin() ? points.front() : *(above - 1);
-  const double f = b.value > a.value ? std::clamp((value - a.value) / (b.value - a.value), 0.0, 1.0)
-                                     : 1.0;
+  const double f =
+      b.value > a.value ? std::clamp((value - a.value) / (b.value - a.value), 0.0, 1.0) : 1.0;
   const auto mix = [f](float p, float q) { return p + f * (static_cast<double>(q) - p); };
   const double opacity = std::min(mix(a.opacity, b.opacity), kMostOpacity);
   return {mix(a.color.red, b.color.red), mix(a.color.green, b.color.green),
@@ -187,14 +189,10 @@ TransferTable::TransferTable(const TransferFunction& transfer) : entries_(kEntri
   for (int i = 0; i < kEntries; ++i) {
     const Sample& a = samples[i];
     const Sample& b = samples[std::min(i + 1, kEntries - 1)];
-    entries_[i] = {static_cast<float>(a.red),
-                   static_cast<float>(a.green),
-                   static_cast<float>(a.blue),
-                   static_cast<float>(a.sigma),
-                   static_cast<float>(b.red - a.red),
-                   static_cast<float>(b.green - a.green),
-                   static_cast<float>(b.blue - a.blue),
-                   static_cast<float>(b.sigma - a.sigma)};
+    entries_[i] = {static_cast<float>(a.red),           static_cast<float>(a.green),
+                   static_cast<float>(a.blue),          static_cast<float>(a.sigma),
+                   static_cast<float>(b.red - a.red),   static_cast<float>(b.green - a.green),
+                   static_cast<float>(b.blue - a.blue), static_cast<float>(b.sigma - a.sigma)};
   }
 }
 

@@ -19,7 +19,7 @@ struct Color {
 /// interpolated separately, not premultiplied. Two points at one value make a step.
 struct TransferFunction {
   struct Point {
-    double value = 0;   // data units
+    double value = 0;  // data units
     Color color;
     float opacity = 0;  // 0 to 1 per voxel length (smallest spacing)
     friend bool operator==(const Point&, const Point&) = default;

@@ -25,7 +25,9 @@ Axes AxesOf(const OrthographicView& view) {
 }
 
 /// Direction components this small are rounding of an exact zero (sin 180 degrees is 1e-16).
-double Cleaned(double slope) { return std::abs(slope) < 1e-12 ? 0.0 : slope; }
+double Cleaned(double slope) {
+  return std::abs(slope) < 1e-12 ? 0.0 : slope;
+}
 
 }  // namespace
 
@@ -100,8 +102,8 @@ ShearView FactorView(const OrthographicView& requested, const Int3& dims,
     return p[axis] - slope * p[shear.axis_k];
   };
   int i = 0;
-  for (const auto& [axis, slope] : {std::pair(shear.axis_u, shear.slope_u),
-                                    std::pair(shear.axis_v, shear.slope_v)}) {
+  for (const auto& [axis, slope] :
+       {std::pair(shear.axis_u, shear.slope_u), std::pair(shear.axis_v, shear.slope_v)}) {
     shear.warp[i++] = sheared(column_step, axis, slope);
     shear.warp[i++] = sheared(row_step, axis, slope);
     shear.warp[i++] = sheared(first, axis, slope);
@@ -114,8 +116,7 @@ std::array<double, 2> ProjectToPixel(const OrthographicView& requested, const In
                                      const Vec3& point) {
   const OrthographicView view = Resolved(requested, dims, index_to_world);
   const Axes axes = AxesOf(view);
-  const double pixel =
-      *view.span_voxels / height_px * index_to_world.SmallestSpacing();
+  const double pixel = *view.span_voxels / height_px * index_to_world.SmallestSpacing();
   const Vec3 offset = index_to_world.TransformDirection(point - *view.center_voxels);
   return {Dot(offset, axes.right) / pixel + width_px / 2.0,
           -Dot(offset, axes.up) / pixel + height_px / 2.0};

@@ -15,10 +15,10 @@ namespace fovea::render {
 /// centre + ((i + 1/2 - W/2) right - (j + 1/2 - H/2) up') * span/H, in units of the smallest
 /// voxel spacing.
 struct OrthographicView {
-  double azimuth_deg = 0;               // any finite
-  double elevation_deg = 0;             // -90 to 90
-  std::optional<Vec3> center_voxels;    // default: the middle of the volume
-  std::optional<double> span_voxels;    // over the picture's height, above 0; default: it fits
+  double azimuth_deg = 0;             // any finite
+  double elevation_deg = 0;           // -90 to 90
+  std::optional<Vec3> center_voxels;  // default: the middle of the volume
+  std::optional<double> span_voxels;  // over the picture's height, above 0; default: it fits
   friend bool operator==(const OrthographicView&, const OrthographicView&) = default;
 };
 
@@ -35,13 +35,13 @@ struct OrthographicView {
 /// (z: position on axis k), all in voxels.
 struct ShearView {
   int axis_k = 0, axis_u = 1, axis_v = 2;
-  bool ascending = true;                // whether sight goes towards larger z
-  double slope_u = 0, slope_v = 0;      // du/dz, dv/dz; both within [-1, 1]
-  double step_length = 1;               // path length of a ray per slice, in smallest spacings
+  bool ascending = true;            // whether sight goes towards larger z
+  double slope_u = 0, slope_v = 0;  // du/dz, dv/dz; both within [-1, 1]
+  double step_length = 1;           // path length of a ray per slice, in smallest spacings
   /// Picture to sheared coordinates: U = m[0] i + m[1] j + m[2], V = m[3] i + m[4] j + m[5], with
   /// i, j counted from pixel centres (0 is the centre of the first pixel).
   std::array<double, 6> warp{};
-  Vec3 sight;                           // d, world axes
+  Vec3 sight;  // d, world axes
 };
 
 /// `view` must be valid; `width_px`, `height_px` at least 1; the matrix invertible.

@@ -42,8 +42,12 @@ Rgba Mix(const Rgba& a, const Rgba& b, float f) {
 }
 
 /// The value of the leaf that the voxel-wide pixel (u, v) lies in. `finest` is L.
-Rgba LeafAt(const std::vector<PyramidLevel>& pyramid, int finest, int64_t u, int64_t v) {
+Rgba LeafAt(const std::vector<PyramidLevel>& pyramid, const Rect& sheet, int finest, int64_t u,
+            int64_t v) {
   Rgba value;
+  if (!sheet.Contains(u, v)) {
+    return value;
+  }
   for (const PyramidLevel& level : pyramid) {
     const int shift = finest - level.plan.level;
     const int64_t lu = u >> shift;
@@ -70,8 +74,8 @@ int FinestLevel(const PyramidLevel& coarsest) {
 
 }  // namespace
 
-Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const ShearView& view, int width_px,
-                 int height_px, int threads) {
+Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const Rect& sheet, const ShearView& view,
+                 int width_px, int height_px, int threads) {
   const int finest = FinestLevel(pyramid.front());
   return WarpWith(view, width_px, height_px, threads, [&](double at_u, double at_v) {
     const double floor_u = std::floor(at_u - 0.5);
@@ -80,51 +84,68 @@ Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const ShearView& view
     const auto v = static_cast<int64_t>(floor_v);
     const auto fu = static_cast<float>(at_u - 0.5 - floor_u);
     const auto fv = static_cast<float>(at_v - 0.5 - floor_v);
-    return Mix(Mix(LeafAt(pyramid, finest, u, v), LeafAt(pyramid, finest, u + 1, v), fu),
-               Mix(LeafAt(pyramid, finest, u, v + 1), LeafAt(pyramid, finest, u + 1, v + 1), fu),
-               fv);
+    const auto leaf = [&](int64_t du, int64_t dv) {
+      return LeafAt(pyramid, sheet, finest, u + du, v + dv);
+    };
+    return Mix(Mix(leaf(0, 0), leaf(1, 0), fu), Mix(leaf(0, 1), leaf(1, 1), fu), fv);
   });
 }
 
 namespace {
 
-/// Bilinear in one level, if all four taps lie inside it.
-bool SampleLevel(const SmoothLevel& level, double at_u, double at_v, Rgba* value) {
-  const double x = at_u / static_cast<double>(level.width) - 0.5;
-  const double y = at_v / static_cast<double>(level.width) - 0.5;
+/// Adds what level l contributes at a point to `value`, whose weight `left` is still open.
+void AddLevel(const SmoothLevel& level, double at_u, double at_v, Rgba* value, float* left) {
+  const Rect& rect = level.plan.rect;
+  const double x = at_u / static_cast<double>(level.plan.width) - 0.5;
+  const double y = at_v / static_cast<double>(level.plan.width) - 0.5;
   const double floor_x = std::floor(x);
   const double floor_y = std::floor(y);
-  const auto u = static_cast<int64_t>(floor_x);
-  const auto v = static_cast<int64_t>(floor_y);
-  if (!level.rect.Contains(u, v) || !level.rect.Contains(u + 1, v + 1)) {
-    return false;
-  }
   const auto fu = static_cast<float>(x - floor_x);
   const auto fv = static_cast<float>(y - floor_y);
-  *value = Mix(Mix(level.At(u, v), level.At(u + 1, v), fu),
-               Mix(level.At(u, v + 1), level.At(u + 1, v + 1), fu), fv);
-  return true;
+  const auto u = static_cast<int64_t>(floor_x);
+  const auto v = static_cast<int64_t>(floor_y);
+  const float shares[4] = {(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv};
+  Rgba sum;
+  float weight = 0;
+  for (int tap = 0; tap < 4; ++tap) {
+    const int64_t tu = u + (tap & 1);
+    const int64_t tv = v + (tap >> 1);
+    if (rect.Contains(tu, tv)) {
+      const auto i = static_cast<size_t>((tv - rect.v0) * rect.Width() + tu - rect.u0);
+      const Rgba& a = level.weighted[i];
+      sum.red += shares[tap] * a.red;
+      sum.green += shares[tap] * a.green;
+      sum.blue += shares[tap] * a.blue;
+      sum.alpha += shares[tap] * a.alpha;
+      weight += shares[tap] * level.weights[i];
+    } else if (level.plan.IsVoid(tu, tv)) {
+      weight += shares[tap];
+    }
+  }
+  value->red += *left * sum.red;
+  value->green += *left * sum.green;
+  value->blue += *left * sum.blue;
+  value->alpha += *left * sum.alpha;
+  *left *= 1 - weight;
 }
 
 }  // namespace
 
-Image WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& coarsest_rect,
-                 const ShearView& view, int width_px, int height_px, int threads) {
-  // Nothing is drawn farther than one voxel outside the sheared volume, however wide a pixel.
-  const auto scale = static_cast<double>(levels.front().width);
-  const double lo_u = static_cast<double>(coarsest_rect.u0) * scale - 1;
-  const double hi_u = static_cast<double>(coarsest_rect.u1) * scale + 1;
-  const double lo_v = static_cast<double>(coarsest_rect.v0) * scale - 1;
-  const double hi_v = static_cast<double>(coarsest_rect.v1) * scale + 1;
+Image WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& sheet, const ShearView& view,
+                 int width_px, int height_px, int threads) {
+  // However wide a pixel, nothing is drawn beyond the reach of the sheet's outermost pixels.
+  const double lo_u = static_cast<double>(sheet.u0) - 0.5;
+  const double hi_u = static_cast<double>(sheet.u1) + 0.5;
+  const double lo_v = static_cast<double>(sheet.v0) - 0.5;
+  const double hi_v = static_cast<double>(sheet.v1) + 0.5;
   return WarpWith(view, width_px, height_px, threads, [&](double at_u, double at_v) {
     Rgba value;
     if (at_u < lo_u || at_u > hi_u || at_v < lo_v || at_v > hi_v) {
       return value;
     }
-    for (size_t l = levels.size(); l-- > 0;) {
-      if (SampleLevel(levels[l], at_u, at_v, &value)) {
-        break;
-      }
+    float left = 1;
+    for (size_t l = levels.size(); l-- > 0 && left > 1e-6F;) {
+      AddLevel(levels[l], at_u, at_v, &value, &left);
     }
     return value;
   });

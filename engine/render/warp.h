@@ -13,12 +13,12 @@
 namespace fovea::render {
 
 /// The staircase: between pixels one voxel wide, each with the value of the leaf it lies in.
-[[nodiscard]] Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const ShearView& view,
-                               int width_px, int height_px, int threads);
+/// Pixels outside `sheet` (SheetRect) are transparent.
+[[nodiscard]] Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const Rect& sheet,
+                               const ShearView& view, int width_px, int height_px, int threads);
 
-/// Between pixels of the finest smoothed level that reaches the spot. `coarsest_rect` is level 0's
-/// own rectangle, without its margin.
-[[nodiscard]] Image WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& coarsest_rect,
+/// The smoothed foveated image (Smooth), evaluated at every pixel of the picture.
+[[nodiscard]] Image WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& sheet,
                                const ShearView& view, int width_px, int height_px, int threads);
 
 }  // namespace fovea::render

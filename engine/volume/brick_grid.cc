@@ -56,8 +56,7 @@ void BrickGrid::CopyOut(const Box3& box, std::span<float> out) const {
     for (int channel = 0; channel < channels_; ++channel) {
       for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
         for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
-          const float* from =
-              brick->data() + channel * cube + OffsetIn(edge_, at, part.lo.x, y, z);
+          const float* from = brick->data() + channel * cube + OffsetIn(edge_, at, part.lo.x, y, z);
           float* to = out.data() + channel * size.Product() +
                       ((z - box.lo.z) * size.y + (y - box.lo.y)) * size.x + part.lo.x - box.lo.x;
           std::copy_n(from, part.hi.x - part.lo.x, to);
@@ -77,9 +76,8 @@ void BrickGrid::CopyIn(const Box3& box, std::span<const float> values) {
     Brick& brick = Touch(at);
     for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
       for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
-        const float* from = values.data() +
-                            ((z - box.lo.z) * size.y + (y - box.lo.y)) * size.x + part.lo.x -
-                            box.lo.x;
+        const float* from = values.data() + ((z - box.lo.z) * size.y + (y - box.lo.y)) * size.x +
+                            part.lo.x - box.lo.x;
         std::copy_n(from, part.hi.x - part.lo.x,
                     brick.data() + OffsetIn(edge_, at, part.lo.x, y, z));
       }

@@ -4,13 +4,17 @@
 
 namespace fovea {
 
-double Dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+double Dot(const Vec3& a, const Vec3& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 
 Vec3 Cross(const Vec3& a, const Vec3& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-double Length(const Vec3& a) { return std::sqrt(Dot(a, a)); }
+double Length(const Vec3& a) {
+  return std::sqrt(Dot(a, a));
+}
 
 bool Box3::Contains(const Box3& other) const {
   return other.IsEmpty() || Intersect(*this, other) == other;

@@ -20,8 +20,14 @@ void TransformCube(const std::vector<float>& children, int64_t edge, BrickGrid::
     for (int64_t y = 0; y < edge; ++y) {
       for (int64_t x = 0; x < edge; ++x) {
         const float* c = children.data() + ((2 * z) * row + 2 * y) * row + 2 * x;
-        double v[8] = {c[0],         c[1],         c[row],             c[row + 1],
-                       c[row * row], c[row * row + 1], c[row * row + row], c[row * row + row + 1]};
+        double v[8] = {c[0],
+                       c[1],
+                       c[row],
+                       c[row + 1],
+                       c[row * row],
+                       c[row * row + 1],
+                       c[row * row + row],
+                       c[row * row + row + 1]};
         for (int axis = 1; axis < 8; axis *= 2) {
           for (int i = 0; i < 8; ++i) {
             if ((i & axis) == 0) {
@@ -87,25 +93,26 @@ void TransformLevel(const BrickGrid& finer, int threads, BrickGrid* low, BrickGr
   const int64_t edge = finer.edge();
   const std::vector<Int3> parents = ParentBricks(finer);
   std::mutex mutex;  // guards the two results
-  ParallelFor(0, static_cast<int64_t>(parents.size()), 1, threads, [&](int64_t first, int64_t last) {
-    std::vector<float> children(static_cast<size_t>(8 * edge * edge * edge));
-    for (int64_t i = first; i < last; ++i) {
-      const Int3& at = parents[i];
-      const Box3 box{{2 * edge * at.x, 2 * edge * at.y, 2 * edge * at.z},
-                     {2 * edge * (at.x + 1), 2 * edge * (at.y + 1), 2 * edge * (at.z + 1)}};
-      finer.CopyOut(box, children);
-      RepeatBorder(finer.dims(), box, children);
-      BrickGrid::Brick means(static_cast<size_t>(low->brick_values()));
-      BrickGrid::Brick bands(static_cast<size_t>(detail->brick_values()));
-      TransformCube(children, edge, means, bands);
-      const bool has_detail = !AllZero(bands);
-      const std::lock_guard lock(mutex);
-      low->Touch(at) = std::move(means);
-      if (has_detail) {
-        detail->Touch(at) = std::move(bands);
-      }
-    }
-  });
+  ParallelFor(
+      0, static_cast<int64_t>(parents.size()), 1, threads, [&](int64_t first, int64_t last) {
+        std::vector<float> children(static_cast<size_t>(8 * edge * edge * edge));
+        for (int64_t i = first; i < last; ++i) {
+          const Int3& at = parents[i];
+          const Box3 box{{2 * edge * at.x, 2 * edge * at.y, 2 * edge * at.z},
+                         {2 * edge * (at.x + 1), 2 * edge * (at.y + 1), 2 * edge * (at.z + 1)}};
+          finer.CopyOut(box, children);
+          RepeatBorder(finer.dims(), box, children);
+          BrickGrid::Brick means(static_cast<size_t>(low->brick_values()));
+          BrickGrid::Brick bands(static_cast<size_t>(detail->brick_values()));
+          TransformCube(children, edge, means, bands);
+          const bool has_detail = !AllZero(bands);
+          const std::lock_guard lock(mutex);
+          low->Touch(at) = std::move(means);
+          if (has_detail) {
+            detail->Touch(at) = std::move(bands);
+          }
+        }
+      });
 }
 
 }  // namespace
@@ -153,8 +160,8 @@ struct RowInverse {
     const double sy = (y & 1) != 0 ? -1.0 : 1.0;
     const double sz = (z & 1) != 0 ? -1.0 : 1.0;
     const double low_z = mean + sx * d[0] + sy * (d[plane] + sx * d[2 * plane]);
-    const double high_z = d[3 * plane] + sx * d[4 * plane] +
-                          sy * (d[5 * plane] + sx * d[6 * plane]);
+    const double high_z =
+        d[3 * plane] + sx * d[4 * plane] + sy * (d[5 * plane] + sx * d[6 * plane]);
     return static_cast<float>(low_z + sz * high_z);
   }
 };

@@ -10,7 +10,9 @@
 
 namespace fovea::testing {
 
-inline const Status& StatusOf(const Status& status) { return status; }
+inline const Status& StatusOf(const Status& status) {
+  return status;
+}
 template <typename T>
 const Status& StatusOf(const StatusOr<T>& result) {
   return result.status();
@@ -37,9 +39,9 @@ MATCHER_P2(FailsWith, code, text, "fails with the code and text") {
 /// ASSERT_OK_AND_ASSIGN(auto x, MakeX());
 #define ASSERT_OK_AND_ASSIGN(target, expression) \
   ASSERT_OK_AND_ASSIGN_(FOVEA_CONCAT(fovea_value_, __LINE__), target, expression)
-#define ASSERT_OK_AND_ASSIGN_(result, target, expression)  \
-  auto result = (expression);                              \
-  ASSERT_THAT(result.status(), ::fovea::testing::IsOk());  \
+#define ASSERT_OK_AND_ASSIGN_(result, target, expression) \
+  auto result = (expression);                             \
+  ASSERT_THAT(result.status(), ::fovea::testing::IsOk()); \
   target = std::move(result).value()
 
 #endif  // TESTS_SUPPORT_STATUS_MATCHERS_H_
