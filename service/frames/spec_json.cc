@@ -1,0 +1,150 @@
+#include "service/frames/spec_json.h"
+
+#include <nlohmann/json.hpp>
+
+#include "service/frames/encode.h"
+
+namespace fovea::frames {
+
+using nlohmann::json;
+
+namespace {
+
+json PositionToJson(const Position& position) {
+  return {{"at", {{"x", position.at.x}, {"y", position.at.y}, {"z", position.at.z}}},
+          {"space", position.world ? "SPACE_WORLD" : "SPACE_VOXEL"}};
+}
+
+// A float prints as the shortest decimal that reads back as that float, not as its double.
+double Shortest(float value) {
+  return std::stod(fmt::format("{}", value));
+}
+
+json ColorToJson(const render::Color& color) {
+  return {{"red", Shortest(color.red)},
+          {"green", Shortest(color.green)},
+          {"blue", Shortest(color.blue)}};
+}
+
+json ViewToJson(const ViewSpec& view) {
+  json orthographic = json::object();
+  if (view.azimuth_deg) {
+    orthographic["azimuth_deg"] = *view.azimuth_deg;
+  }
+  if (view.elevation_deg) {
+    orthographic["elevation_deg"] = *view.elevation_deg;
+  }
+  if (view.center) {
+    orthographic["center"] = PositionToJson(*view.center);
+  }
+  if (view.span_voxels) {
+    orthographic["span_voxels"] = *view.span_voxels;
+  }
+  return {{"orthographic", orthographic}};
+}
+
+json TransferToJson(const render::TransferFunction& transfer) {
+  json points = json::array();
+  for (const auto& point : transfer.points) {
+    points.push_back({{"value", point.value},
+                      {"color", ColorToJson(point.color)},
+                      {"opacity", Shortest(point.opacity)}});
+  }
+  return {{"points", points}};
+}
+
+json WeightingToJson(const render::Weighting& weighting) {
+  switch (weighting.kind) {
+    case render::Weighting::Kind::kNone:
+      return {{"kind", "NONE"}};
+    case render::Weighting::Kind::kChop:
+      return {{"kind", "CHOP"}};
+    case render::Weighting::Kind::kFalloff:
+      break;
+  }
+  return {{"kind", "FALLOFF"}, {"falloff_per_voxel", weighting.falloff_per_voxel}};
+}
+
+const char* SmoothingToJson(render::Smoothing smoothing) {
+  switch (smoothing) {
+    case render::Smoothing::kNone:
+      return "SMOOTHING_NONE";
+    case render::Smoothing::kImage:
+      return "SMOOTHING_IMAGE";
+    case render::Smoothing::kFull:
+      break;
+  }
+  return "SMOOTHING_FULL";
+}
+
+json StatsToJson(const FrameStats& stats) {
+  return {{"coefficients", stats.coefficients}, {"chunks_read", stats.chunks_read},
+          {"chunks_total", stats.chunks_total}, {"bytes_read", stats.bytes_read},
+          {"super_voxels", stats.super_voxels}, {"samples", stats.samples},
+          {"read_ms", stats.read_ms},           {"reconstruct_ms", stats.reconstruct_ms},
+          {"render_ms", stats.render_ms},       {"smooth_warp_ms", stats.smooth_warp_ms},
+          {"encode_ms", stats.encode_ms}};
+}
+
+}  // namespace
+
+json SpecToJson(const FrameSpec& spec) {
+  json result = {{"view", ViewToJson(spec.view)},
+                 {"encoding", EncodingName(spec.encoding)},
+                 {"fovea_marker", spec.fovea_marker},
+                 {"strict", spec.strict}};
+  if (spec.field) {
+    result["field"] = *spec.field;
+  }
+  if (spec.fovea) {
+    result["fovea"] = PositionToJson(*spec.fovea);
+  }
+  if (spec.rate) {
+    result["rate"] = *spec.rate;
+  }
+  if (spec.transfer) {
+    result["transfer_function"] = TransferToJson(*spec.transfer);
+  }
+  if (spec.weighting) {
+    result["weighting"] = WeightingToJson(*spec.weighting);
+  }
+  if (spec.smoothing) {
+    result["smoothing"] = SmoothingToJson(*spec.smoothing);
+  }
+  if (spec.width_px) {
+    result["width_px"] = *spec.width_px;
+  }
+  if (spec.height_px) {
+    result["height_px"] = *spec.height_px;
+  }
+  if (spec.jpeg_quality) {
+    result["jpeg_quality"] = *spec.jpeg_quality;
+  }
+  if (spec.background) {
+    result["background"] = ColorToJson(*spec.background);
+  }
+  return result;
+}
+
+json FrameToJson(const Frame& frame) {
+  json result = {{"dataset", frame.dataset},
+                 {"step", frame.step},
+                 {"time_ns", frame.time_ns},
+                 {"used", SpecToJson(frame.used)},
+                 {"width_px", frame.width_px},
+                 {"height_px", frame.height_px},
+                 {"encoding", EncodingName(frame.encoding)},
+                 {"stats", StatsToJson(frame.stats)},
+                 {"index", frame.index},
+                 {"warnings", json::array()}};
+  if (frame.frame_number) {
+    result["frame_number"] = *frame.frame_number;
+  }
+  for (const Warning& warning : frame.warnings) {
+    result["warnings"].push_back(
+        {{"code", "DATA_LOSS"}, {"message", warning.message}, {"count", warning.count}});
+  }
+  return result;
+}
+
+}  // namespace fovea::frames

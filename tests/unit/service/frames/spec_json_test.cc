@@ -1,0 +1,47 @@
+#include "service/frames/spec_json.h"
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+namespace fovea::frames {
+namespace {
+
+TEST(SpecJson, HasTheProtosNamesAndOnlyWhatIsThere) {
+  FrameSpec spec;
+  EXPECT_FALSE(SpecToJson(spec).contains("rate"));
+  spec.rate = 40;
+  spec.fovea = Position{{1, 2, 3}, true};
+  spec.view.azimuth_deg = 30;
+  spec.background = render::Color{0.1F, 0, 1};
+  spec.transfer = render::TransferFunction{{{0.5, {1, 0.25F, 0}, 0.1F}}};
+  spec.weighting = render::Weighting{render::Weighting::Kind::kFalloff, 0.05};
+  spec.smoothing = render::Smoothing::kImage;
+  spec.encoding = Encoding::kRawRgbaF32;
+  const auto expected = nlohmann::json::parse(R"({
+    "rate": 40.0, "encoding": "RAW_RGBA_F32", "fovea_marker": false, "strict": false,
+    "fovea": {"at": {"x": 1.0, "y": 2.0, "z": 3.0}, "space": "SPACE_WORLD"},
+    "view": {"orthographic": {"azimuth_deg": 30.0}},
+    "background": {"red": 0.1, "green": 0.0, "blue": 1.0},
+    "transfer_function": {"points": [
+      {"value": 0.5, "color": {"red": 1.0, "green": 0.25, "blue": 0.0}, "opacity": 0.1}]},
+    "weighting": {"kind": "FALLOFF", "falloff_per_voxel": 0.05},
+    "smoothing": "SMOOTHING_IMAGE"})");
+  EXPECT_EQ(SpecToJson(spec), expected) << SpecToJson(spec).dump(1);
+}
+
+TEST(FrameJson, LeavesThePixelsOut) {
+  Frame frame;
+  frame.dataset = "lab/plume";
+  frame.pixels = "secret";
+  frame.frame_number = 21;
+  frame.stats.coefficients = 5;
+  frame.warnings.push_back({"damaged", 2});
+  const nlohmann::json value = FrameToJson(frame);
+  EXPECT_EQ(value["frame_number"], 21);
+  EXPECT_EQ(value["stats"]["coefficients"], 5);
+  EXPECT_EQ(value["warnings"][0]["count"], 2);
+  EXPECT_EQ(value.dump().find("secret"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace fovea::frames

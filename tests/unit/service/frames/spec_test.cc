@@ -1,0 +1,135 @@
+#include <cmath>
+#include <limits>
+
+#include "service/frames/frames.h"
+#include "tests/support/fake_dataset.h"
+#include "tests/support/status_matchers.h"
+
+namespace fovea::frames {
+namespace {
+
+using ::fovea::testing::FailsWith;
+using ::fovea::testing::FakeDataset;
+using ::testing::HasSubstr;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+
+TEST(ValidateSpec, AcceptsNothingSaidAndTheEndsOfTheRanges) {
+  EXPECT_OK(ValidateSpec({}));
+  FrameSpec spec;
+  spec.rate = 65536;
+  spec.width_px = 16384;
+  spec.height_px = 1;
+  spec.jpeg_quality = 100;
+  spec.view.elevation_deg = -90;
+  spec.background = render::Color{0, 1, 0.5F};
+  spec.weighting = render::Weighting{render::Weighting::Kind::kFalloff, 1e6};
+  EXPECT_OK(ValidateSpec(spec));
+}
+
+TEST(ValidateSpec, NamesTheFieldItsValueAndItsRange) {
+  const auto fails = [](auto&& set, const std::string& text) {
+    FrameSpec spec;
+    set(&spec);
+    EXPECT_THAT(ValidateSpec(spec), FailsWith(kInvalid, text));
+  };
+  fails([](FrameSpec* s) { s->rate = 0; }, "rate 0 is outside its range, 1 to 65536");
+  fails([](FrameSpec* s) { s->rate = kNan; }, "rate nan");
+  fails([](FrameSpec* s) { s->rate = kInfinity; }, "rate inf");
+  fails([](FrameSpec* s) { s->width_px = 100000; },
+        "width_px 100000 is outside its range, 1 to 16384");
+  fails([](FrameSpec* s) { s->height_px = 0; }, "height_px 0");
+  fails([](FrameSpec* s) { s->jpeg_quality = 101; }, "jpeg_quality 101");
+  fails([](FrameSpec* s) { s->fovea = Position{{1, kNan, 2}}; }, "fovea nan");
+  fails([](FrameSpec* s) { s->view.center = Position{{1, 2, -kInfinity}}; }, "center -inf");
+  fails([](FrameSpec* s) { s->view.azimuth_deg = kNan; }, "azimuth_deg nan");
+  fails([](FrameSpec* s) { s->view.elevation_deg = 90.5; }, "elevation_deg 90.5");
+  fails([](FrameSpec* s) { s->view.span_voxels = 0; }, "span_voxels 0");
+  fails([](FrameSpec* s) { s->view.span_voxels = kNan; }, "span_voxels nan");
+  fails([](FrameSpec* s) { s->background = render::Color{0, 1.5F, 0}; }, "background 1.5");
+  fails([](FrameSpec* s) { s->transfer = render::TransferFunction{}; }, "transfer_function");
+  fails(
+      [](FrameSpec* s) {
+        s->weighting = render::Weighting{render::Weighting::Kind::kFalloff, kNan};
+      },
+      "falloff_per_voxel nan");
+}
+
+TEST(DefaultSpec, LeavesNothingOpenAndLooksAtTheFullestStep) {
+  FakeDataset dataset(5);
+  ASSERT_OK_AND_ASSIGN(const FrameSpec spec, DefaultSpec(dataset));
+  EXPECT_EQ(spec.field, "density");
+  EXPECT_EQ(spec.width_px, 512);
+  EXPECT_EQ(spec.rate, 40);
+  EXPECT_EQ(spec.view.center, (Position{{20, 16, 24}}));
+  EXPECT_NEAR(*spec.view.span_voxels, std::sqrt(40. * 40 + 32 * 32 + 48 * 48), 1e-9);
+  // The ball is largest in the last step, at 20, 16, 28; a coarsest super-voxel is 4 wide.
+  EXPECT_NEAR(spec.fovea->at.x, 20, 4);
+  EXPECT_NEAR(spec.fovea->at.y, 16, 4);
+  EXPECT_NEAR(spec.fovea->at.z, 28, 4);
+  EXPECT_OK(ValidateSpec(spec));
+  EXPECT_EQ(*ResolveSpec(dataset, {}, spec), spec);
+}
+
+TEST(DefaultSpec, NeedsAStep) {
+  FakeDataset dataset(0);
+  EXPECT_THAT(DefaultSpec(dataset),
+              FailsWith(absl::StatusCode::kFailedPrecondition, "no committed step"));
+}
+
+TEST(ResolveSpec, KeepsWhatWasSaidAndFillsInTheRest) {
+  FakeDataset dataset(3);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  FrameSpec spec;
+  spec.rate = 12;
+  spec.view.azimuth_deg = 30;
+  ASSERT_OK_AND_ASSIGN(const FrameSpec resolved, ResolveSpec(dataset, spec, defaults));
+  EXPECT_EQ(resolved.rate, 12);
+  EXPECT_EQ(resolved.view.azimuth_deg, 30);
+  EXPECT_EQ(resolved.view.elevation_deg, defaults.view.elevation_deg);
+  EXPECT_EQ(resolved.fovea, defaults.fovea);
+  EXPECT_EQ(resolved.transfer, defaults.transfer);
+}
+
+TEST(ResolveSpec, TurnsWorldPositionsIntoVoxels) {
+  FakeDataset dataset(1);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  FrameSpec spec;
+  spec.fovea = Position{{50, 52, 78}, true};
+  spec.view.center = Position{{10, 20, 30}, true};
+  ASSERT_OK_AND_ASSIGN(const FrameSpec resolved, ResolveSpec(dataset, spec, defaults));
+  EXPECT_EQ(resolved.fovea, (Position{{20, 16, 24}}));
+  EXPECT_EQ(resolved.view.center, (Position{{0, 0, 0}}));
+}
+
+TEST(ResolveSpec, RefusesAFoveaOutsideButNotOnTheBorder) {
+  FakeDataset dataset(1);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  FrameSpec spec;
+  spec.fovea = Position{{40, 32, 48}};
+  EXPECT_OK(ResolveSpec(dataset, spec, defaults));
+  spec.fovea = Position{{20, 16, 48.5}};
+  EXPECT_THAT(ResolveSpec(dataset, spec, defaults),
+              FailsWith(kInvalid, "fovea 20, 16, 48.5 is outside"));
+  spec.fovea = Position{{0, 0, 0}, true};
+  EXPECT_THAT(ResolveSpec(dataset, spec, defaults), FailsWith(kInvalid, "(world 0, 0, 0)"));
+}
+
+TEST(ResolveSpec, AnotherFieldGetsItsOwnFoveaAndTransferFunction) {
+  FakeDataset dataset(2);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  FrameSpec spec;
+  spec.field = "warm";
+  ASSERT_OK_AND_ASSIGN(const FrameSpec resolved, ResolveSpec(dataset, spec, defaults));
+  EXPECT_NEAR(resolved.fovea->at.x, 10, 4);
+  EXPECT_GT(resolved.transfer->points.back().value, 50);
+  spec.field = "colour";
+  const auto unknown = ResolveSpec(dataset, spec, defaults);
+  EXPECT_THAT(unknown, FailsWith(absl::StatusCode::kNotFound, "field 'colour'"));
+  EXPECT_THAT(std::string(MessageOf(unknown.status())), HasSubstr("density, warm"));
+}
+
+}  // namespace
+}  // namespace fovea::frames
