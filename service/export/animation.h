@@ -1,0 +1,48 @@
+#ifndef SERVICE_EXPORT_ANIMATION_H_
+#define SERVICE_EXPORT_ANIMATION_H_
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "service/frames/spec.h"
+
+namespace fovea::exports {
+
+/// View, fovea, rate, span and step over the frames of a shot: keyframes, linear between, constant
+/// before the first and after the last that has the value. docs/export.md describes the file.
+class Animation {
+ public:
+  /// From JSON text. INVALID_ARGUMENT naming the key and what is wrong with it.
+  [[nodiscard]] static StatusOr<Animation> Parse(const std::string& json_text);
+  /// A turn by `degrees` of azimuth in `frames` equal parts, starting at `azimuth_deg`; 360 closes
+  /// the loop: the frame after the last would be the first again.
+  [[nodiscard]] static Animation Orbit(double azimuth_deg, double elevation_deg, double degrees,
+                                       int64_t frames);
+
+  [[nodiscard]] int64_t frames() const { return frames_; }
+  /// `spec` with what the keys say about this frame.
+  [[nodiscard]] frames::FrameSpec SpecAt(int64_t frame, const frames::FrameSpec& spec) const;
+  /// The time step at this frame, rounded to the nearest; nothing if no key has one.
+  [[nodiscard]] std::optional<int64_t> StepAt(int64_t frame) const;
+
+ private:
+  struct Key {
+    int64_t frame = 0;
+    std::array<double, 3> value{};
+  };
+  using Track = std::vector<Key>;
+  friend class AnimationParser;
+  [[nodiscard]] static std::optional<std::array<double, 3>> Sample(const Track& track,
+                                                                   int64_t frame);
+
+  int64_t frames_ = 1;
+  Track view_, fovea_, rate_, span_, step_;
+};
+
+}  // namespace fovea::exports
+
+#endif  // SERVICE_EXPORT_ANIMATION_H_

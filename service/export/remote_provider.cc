@@ -1,0 +1,105 @@
+#include <utility>
+
+#include "service/client/client.h"
+#include "service/export/frame_provider.h"
+
+namespace fovea::exports {
+namespace {
+
+/// How many of the steps from `begin` on are equally far apart: what one stream can carry.
+size_t RunLength(const std::vector<int64_t>& steps, size_t begin) {
+  size_t end = begin + 1;
+  while (end < steps.size() && steps[end] > steps[end - 1] &&
+         (end == begin + 1 || steps[end] - steps[end - 1] == steps[begin + 1] - steps[begin])) {
+    ++end;
+  }
+  return end - begin;
+}
+
+class RemoteProvider final : public FrameProvider {
+ public:
+  RemoteProvider(std::unique_ptr<client::Client> client, client::DatasetSummary summary,
+                 std::string identity)
+      : client_(std::move(client)), summary_(std::move(summary)), identity_(std::move(identity)) {}
+
+  [[nodiscard]] const std::string& identity() const override { return identity_; }
+  [[nodiscard]] const store::DatasetInfo& info() const override { return summary_.info; }
+
+  // The service tells time and number of a step with its frame only, so the smallest frames there
+  // are get asked for.
+  StatusOr<std::vector<StepInfo>> Describe(const std::vector<int64_t>& steps) override {
+    frames::FrameSpec tiny = summary_.default_spec;
+    tiny.rate = 1;
+    tiny.width_px = 1;
+    tiny.height_px = 1;
+    tiny.encoding = frames::Encoding::kRawRgba8;
+    std::vector<StepInfo> described;
+    FOVEA_RETURN_IF_ERROR(RenderEach(steps, tiny, [&](const frames::Frame& frame) {
+      described.push_back({frame.step, frame.time_ns, frame.frame_number});
+      return absl::OkStatus();
+    }));
+    return described;
+  }
+
+  // Only the server can choose the defaults of another field; a frame says what it used.
+  StatusOr<frames::FrameSpec> Resolve(const frames::FrameSpec& spec) override {
+    frames::FrameSpec tiny = spec;
+    tiny.width_px = 1;
+    tiny.height_px = 1;
+    tiny.encoding = frames::Encoding::kRawRgba8;
+    FOVEA_ASSIGN_OR_RETURN(const frames::Frame frame, client_->RenderFrame(summary_.name, 0, tiny));
+    frames::FrameSpec resolved = frame.used;
+    resolved.width_px = spec.width_px ? spec.width_px : summary_.default_spec.width_px;
+    resolved.height_px = spec.height_px ? spec.height_px : summary_.default_spec.height_px;
+    resolved.encoding = spec.encoding;
+    return resolved;
+  }
+
+  StatusOr<frames::Frame> Render(int64_t step, const frames::FrameSpec& spec) override {
+    return client_->RenderFrame(summary_.name, step, spec);
+  }
+
+  Status RenderEach(const std::vector<int64_t>& steps, const frames::FrameSpec& spec,
+                    const std::function<Status(const frames::Frame&)>& on_frame) override {
+    for (size_t begin = 0; begin < steps.size();) {
+      const size_t length = RunLength(steps, begin);
+      client::SequenceRequest request;
+      request.dataset = summary_.name;
+      request.first = steps[begin];
+      request.last = steps[begin + length - 1];
+      request.stride = length > 1 ? steps[begin + 1] - steps[begin] : 1;
+      request.spec = spec;
+      Status stopped;
+      size_t received = 0;
+      FOVEA_RETURN_IF_ERROR(client_->RenderSequence(request, [&](const frames::Frame& frame) {
+        stopped = on_frame(frame);
+        ++received;
+        return stopped.ok();
+      }));
+      FOVEA_RETURN_IF_ERROR(stopped);
+      if (received != length) {
+        return Unavailable("{}: the stream ended after {} of {} frames", identity_, received,
+                           length);
+      }
+      begin += length;
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  std::unique_ptr<client::Client> client_;
+  client::DatasetSummary summary_;
+  std::string identity_;
+};
+
+}  // namespace
+
+StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(const std::string& address,
+                                                    const std::string& dataset) {
+  FOVEA_ASSIGN_OR_RETURN(auto client, client::Client::Connect(address));
+  FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, client->GetDataset(dataset));
+  return std::make_unique<RemoteProvider>(std::move(client), std::move(summary),
+                                          fmt::format("{}/{}", address, dataset));
+}
+
+}  // namespace fovea::exports
