@@ -1,0 +1,131 @@
+#ifndef SERVICE_CLI_COMMANDS_H_
+#define SERVICE_CLI_COMMANDS_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/volume/geometry.h"
+#include "ingest/ingest.h"
+#include "service/cli/values.h"
+#include "service/frames/spec.h"
+
+/// What each verb was asked to do, as plain values. parse.cc fills these from the command line.
+namespace fovea::cli {
+
+/// How a verb talks.
+struct OutputOptions {
+  bool json = false;   // one JSON value on stdout
+  bool quiet = false;  // no progress, no notes
+};
+
+/// What pictures are made of: a dataset, a dataset of a server, or foreign files, which are
+/// ingested into the cache first.
+struct PictureInput {
+  std::vector<std::string> inputs;
+  std::optional<std::string> server;  // HOST:PORT; inputs[0] is then a dataset's name there
+  ingest::IngestOptions ingest;       // for foreign files; inputs and output not filled in
+  std::string cache;                  // empty: the usual place
+  int threads = 0;
+};
+
+struct IngestCommand {
+  OutputOptions output;
+  ingest::IngestOptions ingest;
+};
+
+struct InfoCommand {
+  OutputOptions output;
+  std::string dataset;  // may be empty with a server: all of its datasets
+  std::optional<std::string> server;
+};
+
+struct StatsCommand {
+  OutputOptions output;
+  std::string dataset;
+  std::optional<std::string> field;
+  StepRange steps;
+};
+
+struct VerifyCommand {
+  OutputOptions output;
+  std::string dataset;
+  int threads = 0;
+};
+
+struct ExtractCommand {
+  OutputOptions output;
+  std::string dataset;
+  int64_t step = 0;
+  std::optional<std::string> field;
+  std::optional<Box3> box;
+  std::optional<frames::Position> fovea;  // with or without rate: the foveated volume
+  std::optional<double> rate;
+  std::string file;
+};
+
+struct RenderCommand {
+  OutputOptions output;
+  PictureInput input;
+  int64_t step = 0;
+  frames::FrameSpec spec;
+  std::string file;
+};
+
+struct ExportCommand {
+  OutputOptions output;
+  PictureInput input;
+  StepRange steps;
+  frames::FrameSpec spec;
+  std::string file;
+  std::optional<std::string> animation_file;
+  std::optional<double> orbit_deg;
+  std::optional<int64_t> orbit_frames;
+  std::optional<double> frames_per_second;
+  Shard shard;
+  bool overwrite = false;
+};
+
+/// Everything after `serve` goes to fovead as it is.
+struct ServeCommand {
+  std::vector<std::string> arguments;
+};
+
+struct DemoCommand {
+  OutputOptions output;
+  std::string folder;
+  int64_t edge_voxels = 96;
+  int64_t steps = 24;
+  int threads = 0;
+};
+
+using Command =
+    std::variant<IngestCommand, InfoCommand, StatsCommand, VerifyCommand, ExtractCommand,
+                 RenderCommand, ExportCommand, ServeCommand, DemoCommand>;
+
+/// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
+struct ParseResult {
+  std::optional<Command> command;
+  std::string text;
+  int exit_status = 0;  // of the text: 0 for help and version, else 2 (1: a file is not there)
+};
+
+/// `arguments` without the program's name. Never throws, never prints.
+[[nodiscard]] ParseResult ParseCommandLine(const std::vector<std::string>& arguments);
+
+[[nodiscard]] Status Run(const IngestCommand& command);
+[[nodiscard]] Status Run(const InfoCommand& command);
+[[nodiscard]] Status Run(const StatsCommand& command);
+[[nodiscard]] Status Run(const VerifyCommand& command);
+[[nodiscard]] Status Run(const ExtractCommand& command);
+[[nodiscard]] Status Run(const RenderCommand& command);
+[[nodiscard]] Status Run(const ExportCommand& command);
+[[nodiscard]] Status Run(const ServeCommand& command);
+[[nodiscard]] Status Run(const DemoCommand& command);
+
+}  // namespace fovea::cli
+
+#endif  // SERVICE_CLI_COMMANDS_H_

@@ -1,0 +1,176 @@
+#include "service/cli/console.h"
+
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <utility>
+
+namespace fovea::cli {
+namespace {
+
+volatile std::sig_atomic_t interrupted = 0;
+
+void OnInterrupt(int signal) {
+  interrupted = 1;
+  std::signal(signal, SIG_DFL);
+}
+
+size_t TerminalColumns() {
+  winsize size{};
+  return ::ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col : 80;
+}
+
+}  // namespace
+
+void InstallSignalHandlers() {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    struct sigaction action {};
+    action.sa_handler = OnInterrupt;
+    sigaction(signal, &action, nullptr);
+  }
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+}
+
+bool Interrupted() {
+  return interrupted != 0;
+}
+
+void PrintLine(std::string_view line) {
+  std::fwrite(line.data(), 1, line.size(), stdout);
+  std::fputc('\n', stdout);
+}
+
+void Note(const OutputOptions& output, std::string_view line) {
+  if (!output.quiet) {
+    std::fflush(stdout);
+    std::fprintf(stderr, "%.*s\n", static_cast<int>(line.size()), line.data());
+  }
+}
+
+void PrintError(std::string_view message) {
+  std::fflush(stdout);
+  const std::string text = WithFlag(message);
+  std::fprintf(stderr, "fovea: %s\n", text.c_str());
+}
+
+std::string WithFlag(std::string_view message) {
+  constexpr std::array<std::array<std::string_view, 2>, 18> kFlags = {{
+      {"field", "--field"},
+      {"fovea", "--fovea"},
+      {"rate", "--rate"},
+      {"azimuth_deg", "--view"},
+      {"elevation_deg", "--view"},
+      {"center", "--center"},
+      {"span_voxels", "--span"},
+      {"transfer_function", "--transfer"},
+      {"falloff_per_voxel", "--weighting"},
+      {"width_px", "--size"},
+      {"height_px", "--size"},
+      {"jpeg_quality", "--quality"},
+      {"background", "--background"},
+      {"fovea_marker", "--fovea-marker"},
+      {"step", "--step"},
+      {"steps", "--steps"},
+      {"shard", "--shard"},
+      {"fps", "--fps"},
+  }};
+  std::string_view rest = message;
+  if (rest.starts_with("server ")) {  // server HOST:PORT: ...
+    const size_t colon = rest.find(": ");
+    rest = colon == std::string_view::npos ? rest : rest.substr(colon + 2);
+  }
+  const std::string_view word = rest.substr(0, rest.find_first_of(" :'"));
+  for (const auto& [field, flag] : kFlags) {
+    if (word == field) {
+      return fmt::format("{}: {}", flag, message);
+    }
+  }
+  return std::string(message);
+}
+
+std::string HumanBytes(uint64_t bytes) {
+  constexpr std::array<const char*, 5> kUnits = {"B", "KiB", "MiB", "GiB", "TiB"};
+  auto amount = static_cast<double>(bytes);
+  size_t unit = 0;
+  while (amount >= 1024 && unit + 1 < kUnits.size()) {
+    amount /= 1024;
+    ++unit;
+  }
+  return unit == 0 ? fmt::format("{} B", bytes) : fmt::format("{:.1f} {}", amount, kUnits[unit]);
+}
+
+std::string HumanSeconds(double seconds) {
+  if (seconds < 10) {
+    return fmt::format("{:.1f} s", seconds);
+  }
+  const auto whole = static_cast<int64_t>(std::llround(seconds));
+  if (whole < 60) {
+    return fmt::format("{} s", whole);
+  }
+  if (whole < 3600) {
+    return fmt::format("{} min {} s", whole / 60, whole % 60);
+  }
+  return fmt::format("{} h {} min", whole / 3600, whole % 3600 / 60);
+}
+
+Progress::Progress(const OutputOptions& output, std::string what, std::string unit)
+    : quiet_(output.quiet),
+      terminal_(::isatty(STDERR_FILENO) == 1),
+      what_(std::move(what)),
+      unit_(std::move(unit)) {}
+
+Progress::~Progress() {
+  if (line_open_) {
+    std::fputs("\r\x1b[K", stderr);
+  }
+}
+
+std::string Progress::Line(int64_t done, int64_t total, std::string_view now) const {
+  std::string line = fmt::format("{}: {} of {} {}", what_, done, total, unit_);
+  const double seconds = since_start_.ElapsedMs() / 1000;
+  const int64_t counted = done - first_done_;
+  if (counted > 0 && seconds > 0) {
+    const double rate = static_cast<double>(counted) / seconds;
+    line += fmt::format(", {:.{}f} a second", rate, rate < 10 ? 2 : 0);
+    if (done < total) {
+      line += ", " + HumanSeconds(static_cast<double>(total - done) / rate) + " left";
+    }
+  }
+  return now.empty() ? line : fmt::format("{}  {}", line, now);
+}
+
+void Progress::Update(int64_t done, int64_t total, std::string_view now) {
+  constexpr double kTerminalEveryMs = 100;
+  constexpr double kPlainEveryMs = 5000;
+  if (quiet_) {
+    return;
+  }
+  if (first_done_ < 0) {
+    first_done_ = done;
+  }
+  const bool last = done == total && shown_done_ != done;
+  const bool due =
+      shown_done_ < 0 || since_shown_.ElapsedMs() >= (terminal_ ? kTerminalEveryMs : kPlainEveryMs);
+  if (!last && !due) {
+    return;
+  }
+  shown_done_ = done;
+  (void)since_shown_.RestartMs();
+  std::string line = Line(done, total, now);
+  if (terminal_) {
+    line.resize(std::min(line.size(), TerminalColumns() - 1));
+    std::fprintf(stderr, "\r%s\x1b[K", line.c_str());
+    std::fflush(stderr);
+    line_open_ = true;
+  } else {
+    std::fprintf(stderr, "%s\n", line.c_str());
+  }
+}
+
+}  // namespace fovea::cli

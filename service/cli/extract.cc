@@ -1,0 +1,103 @@
+#include <nlohmann/json.hpp>
+
+#include "engine/fovea/reconstruct.h"
+#include "engine/store/dataset.h"
+#include "service/cli/commands.h"
+#include "service/cli/console.h"
+#include "service/export/npy.h"
+#include "service/export/output_file.h"
+#include "service/frames/frames.h"
+
+namespace fovea::cli {
+namespace {
+
+constexpr int64_t kSlabSlices = 32;  // so that memory follows a slab, not the volume
+
+StatusOr<Box3> BoxOf(const ExtractCommand& command, const Int3& dims) {
+  const Box3 whole = Box3::OfSize(dims);
+  if (command.box && !whole.Contains(*command.box)) {
+    return InvalidArgument("--box: reaches outside the volume: 0,0,0 to {},{},{} (not included)",
+                           dims.x, dims.y, dims.z);
+  }
+  return command.box.value_or(whole);
+}
+
+/// The retained set that --fovea and --rate ask for; nothing if neither was given.
+StatusOr<std::optional<RetainedSet>> RetainedOf(const ExtractCommand& command,
+                                                store::Dataset& dataset) {
+  if (!command.fovea && !command.rate) {
+    return std::optional<RetainedSet>();
+  }
+  frames::FrameSpec spec;
+  spec.field = command.field;
+  spec.fovea = command.fovea;
+  spec.rate = command.rate;
+  FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, frames::DefaultSpec(dataset));
+  FOVEA_ASSIGN_OR_RETURN(spec, frames::ResolveSpec(dataset, spec, defaults));
+  FOVEA_ASSIGN_OR_RETURN(
+      RetainedSet retained,
+      RetainedSet::Make(dataset.info().hierarchy, Fovea{spec.fovea->at, *spec.rate}));
+  return std::optional<RetainedSet>(std::move(retained));
+}
+
+Status WriteVoxels(const ExtractCommand& command, CoefficientSource& source, const Box3& box,
+                   const std::optional<RetainedSet>& retained) {
+  FOVEA_ASSIGN_OR_RETURN(exports::OutputFile file, exports::OutputFile::Create(command.file));
+  const Int3 size = box.Size();
+  if (command.file.ends_with(".npy")) {
+    FOVEA_RETURN_IF_ERROR(file.Write(exports::NpyHeader({size.z, size.y, size.x})));
+  }
+  Progress progress(command.output, "extract", "slices");
+  for (int64_t z = box.lo.z; z < box.hi.z;) {
+    // Slabs start at multiples of their height, so that no chunk of the coarser levels straddles.
+    const int64_t end = std::min(box.hi.z, (z / kSlabSlices + 1) * kSlabSlices);
+    Box3 slab = box;
+    slab.lo.z = z;
+    slab.hi.z = end;
+    FOVEA_ASSIGN_OR_RETURN(const Grid voxels,
+                           ExtractVoxels(source, slab, retained ? &*retained : nullptr));
+    FOVEA_RETURN_IF_ERROR(file.Write({reinterpret_cast<const char*>(voxels.values.data()),
+                                      voxels.values.size() * sizeof(float)}));
+    z = end;
+    progress.Update(z - box.lo.z, size.z);
+    if (Interrupted()) {
+      return Cancelled("stopped; {} was not written", command.file);
+    }
+  }
+  return file.Commit();
+}
+
+}  // namespace
+
+Status Run(const ExtractCommand& command) {
+  FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(command.dataset));
+  const store::DatasetInfo info = dataset->info();
+  const std::string field = command.field.value_or(info.default_field);
+  FOVEA_ASSIGN_OR_RETURN(const Box3 box, BoxOf(command, info.hierarchy.dims()));
+  FOVEA_ASSIGN_OR_RETURN(const auto source,
+                         dataset->OpenStep(command.step, field, store::OnDamage::kFail));
+  FOVEA_ASSIGN_OR_RETURN(const std::optional<RetainedSet> retained, RetainedOf(command, *dataset));
+  FOVEA_RETURN_IF_ERROR(WriteVoxels(command, *source, box, retained));
+
+  const Int3 size = box.Size();
+  const store::ReadStats read = source->read_stats();
+  if (command.output.json) {
+    PrintLine(nlohmann::json({{"output", command.file},
+                              {"dataset", command.dataset},
+                              {"step", command.step},
+                              {"field", field},
+                              {"type", "float32"},
+                              {"box", {box.lo.x, box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z}},
+                              {"chunks_read", read.chunks_read},
+                              {"chunks_total", read.chunks_total},
+                              {"bytes_read", read.bytes_read}})
+                  .dump());
+    return absl::OkStatus();
+  }
+  PrintLine(fmt::format("{}: {} x {} x {} float32 of {} at step {}{}; {} of {} chunks read",
+                        command.file, size.x, size.y, size.z, field, command.step,
+                        retained ? ", foveated" : "", read.chunks_read, read.chunks_total));
+  return absl::OkStatus();
+}
+
+}  // namespace fovea::cli

@@ -1,0 +1,198 @@
+#include "service/cli/flags.h"
+
+#include <utility>
+
+#include <CLI/CLI.hpp>
+
+namespace fovea::cli {
+namespace {
+
+constexpr const char* kPictureGroup = "Picture (chosen from the dataset, and printed, if absent)";
+constexpr const char* kForeignGroup = "Foreign files";
+
+/// A flag whose text `parse` turns into a value for `use`; its errors name the flag.
+template <typename Parse, typename Use>
+CLI::Option* AddParsed(CLI::App* app, const std::string& flag, const char* type, Parse parse,
+                       Use use, const char* help) {
+  const auto callback = [flag, parse, use](const std::string& text) {
+    auto value = parse(text);
+    if (!value.ok()) {
+      throw CLI::ValidationError(flag, std::string(MessageOf(value.status())));
+    }
+    use(std::move(value).value());
+  };
+  return app->add_option_function<std::string>(flag, callback, help)->type_name(type);
+}
+
+/// Stores into anything that the value can be assigned to.
+template <typename Target>
+auto Into(Target* target) {
+  return [target](auto&& value) { *target = std::forward<decltype(value)>(value); };
+}
+
+void AddView(CLI::App* app, frames::ViewSpec* view) {
+  AddParsed(
+      app, "--view", "AZ,EL", ParseView,
+      [view](const std::pair<double, double>& angles) {
+        view->azimuth_deg = angles.first;
+        view->elevation_deg = angles.second;
+      },
+      "Direction of sight in degrees; 0,0 looks along +x with +z up")
+      ->group(kPictureGroup);
+  AddParsed(app, "--span", "VOXELS", ParseNumber, Into(&view->span_voxels),
+            "How much the picture's height shows; smaller zooms in")
+      ->group(kPictureGroup);
+  AddParsed(app, "--center", "X,Y,Z[w]", ParsePosition, Into(&view->center),
+            "What is in the middle of the picture (default: the volume's middle)")
+      ->group(kPictureGroup);
+}
+
+StatusOr<ingest::OnMissing> ParseOnMissing(const std::string& text) {
+  if (text == "error") {
+    return ingest::OnMissing::kError;
+  }
+  if (text == "skip") {
+    return ingest::OnMissing::kSkip;
+  }
+  if (text == "hold") {
+    return ingest::OnMissing::kHold;
+  }
+  return InvalidArgument("'{}' is not error, skip or hold", text);
+}
+
+}  // namespace
+
+void AddOutputFlags(CLI::App* app, OutputOptions* output) {
+  app->add_flag("--json", output->json, "One JSON value on stdout, for machines");
+  app->add_flag("-q,--quiet", output->quiet, "No progress and no notes on stderr");
+}
+
+void AddThreadsFlag(CLI::App* app, int* threads) {
+  app->add_option("--threads", *threads, "Processors to use (default 0: all; same result)")
+      ->check(CLI::Range(0, 1024))
+      ->type_name("N");
+}
+
+void AddServerFlag(CLI::App* app, std::optional<std::string>* server) {
+  app->add_option("--server", *server,
+                  "Ask this server instead of doing the work here; a dataset is then named as the "
+                  "server lists it")
+      ->type_name("HOST:PORT");
+}
+
+void AddFieldFlag(CLI::App* app, std::optional<std::string>* field) {
+  app->add_option("--field", *field, "Which field (default: the dataset's own)")
+      ->type_name("F")
+      ->group(kPictureGroup);
+}
+
+void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea,
+                   std::optional<double>* rate) {
+  AddParsed(app, "--fovea", "X,Y,Z[w]", ParsePosition, Into(fovea),
+            "Where the detail is kept: voxels, or world units with a trailing w")
+      ->group(kPictureGroup);
+  AddParsed(app, "--rate", "R", ParseNumber, Into(rate),
+            "How wide the kept window is in every sub-band, 1 to 65536 coefficients")
+      ->group(kPictureGroup);
+}
+
+void AddStepsFlag(CLI::App* app, StepRange* steps) {
+  AddParsed(app, "--steps", "A-BxS", ParseSteps, Into(steps),
+            "Steps A to B, B included, every S-th (default: all)");
+}
+
+void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec) {
+  AddFieldFlag(app, &spec->field);
+  AddFoveaFlags(app, &spec->fovea, &spec->rate);
+  AddView(app, &spec->view);
+  AddParsed(
+      app, "--size", "WxH", ParseSize,
+      [spec](const std::pair<int64_t, int64_t>& size) {
+        spec->width_px = size.first;
+        spec->height_px = size.second;
+      },
+      "Picture size in pixels, each 1 to 16384 (default 512x512)")
+      ->group(kPictureGroup);
+  AddParsed(app, "--transfer", "TF", ParseTransfer, Into(&spec->transfer),
+            "Transfer function 'V:R,G,B:A;...' or a .json file: value, linear colour, opacity per "
+            "voxel length")
+      ->group(kPictureGroup);
+  AddParsed(app, "--weighting", "D", ParseWeighting, Into(&spec->weighting),
+            "none, chop (hide what is before the fovea) or falloff:A (opacity times 1/(1 + A "
+            "distance))")
+      ->group(kPictureGroup);
+  AddParsed(app, "--smoothing", "S", ParseSmoothing, Into(&spec->smoothing),
+            "none (staircase), image, or full")
+      ->group(kPictureGroup);
+  AddParsed(app, "--background", "R,G,B", ParseColor, Into(&spec->background),
+            "Linear colour behind the volume in .png, .jpg and movies (default 0,0,0)")
+      ->group(kPictureGroup);
+  app->add_option("--quality", spec->jpeg_quality, "Of .jpg, 1 to 100 (default 90)")
+      ->type_name("Q")
+      ->group(kPictureGroup);
+  app->add_flag("--fovea-marker", spec->fovea_marker, "A red dot at the fovea")
+      ->group(kPictureGroup);
+  app->add_flag("--strict", spec->strict, "A damaged chunk is an error, not a warning")
+      ->group(kPictureGroup);
+}
+
+void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
+  AddParsed(app, "--raw", "FORMAT", ingest::ParseRawFormat, Into(&ingest->raw),
+            "Files are headerless voxels, x fastest: NXxNYxNZ[xSTEPS]:TYPE[:le|be], such as "
+            "256x256x225:uint8")
+      ->group(kForeignGroup);
+  app->add_option_function<int64_t>(
+         "--header-bytes",
+         [ingest](const int64_t& bytes) {
+           if (!ingest->raw) {
+             throw CLI::ValidationError("--header-bytes", "only means something with --raw");
+           }
+           ingest->raw->header_bytes = bytes;
+         },
+         "With --raw: bytes to skip at the start of each file")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N")
+      ->group(kForeignGroup);
+  app->add_option("--grid", ingest->grids,
+                  "VDB: a grid to take; may be given more than once "
+                  "(default: every scalar grid)")
+      ->allow_extra_args(false)
+      ->type_name("NAME")
+      ->group(kForeignGroup);
+  AddParsed(
+      app, "--spacing", "X,Y,Z", ParsePosition,
+      [ingest](const frames::Position& spacing) { ingest->spacing = spacing.at; },
+      "With --raw: size of a voxel in the world (default 1,1,1)")
+      ->group(kForeignGroup);
+  AddParsed(app, "--on-missing", "WHAT", ParseOnMissing, Into(&ingest->on_missing),
+            "A missing file or grid is an error, skip or hold: stop, leave it out, or show the "
+            "step before (default error)")
+      ->group(kForeignGroup);
+  app->add_option("--worker-memory", ingest->worker.memory_bytes,
+                  "Limit of the process that reads foreign files (default: by their size)")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->type_name("BYTES")
+      ->group(kForeignGroup);
+  app->add_option("--worker-seconds", ingest->worker.seconds_per_file,
+                  "How long it may take for one file (default 120)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("S")
+      ->group(kForeignGroup);
+}
+
+void AddPictureInput(CLI::App* app, PictureInput* input) {
+  app->add_option("input", input->inputs,
+                  "A dataset (NAME.zarr), or foreign files: names, globs, 'smoke.####.vdb'")
+      ->required()
+      ->type_name("INPUT...");
+  AddServerFlag(app, &input->server);
+  AddThreadsFlag(app, &input->threads);
+  AddForeignFlags(app, &input->ingest);
+  app->add_option("--cache", input->cache,
+                  "Where ingested foreign files are kept (default: fovea in $XDG_CACHE_HOME or "
+                  "~/.cache)")
+      ->type_name("DIR")
+      ->group(kForeignGroup);
+}
+
+}  // namespace fovea::cli

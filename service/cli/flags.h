@@ -1,0 +1,32 @@
+#ifndef SERVICE_CLI_FLAGS_H_
+#define SERVICE_CLI_FLAGS_H_
+
+#include <optional>
+#include <string>
+
+#include "service/cli/commands.h"
+
+namespace CLI {
+class App;
+}
+
+/// Flags that several verbs share. Each writes to what it is given, which must outlive parsing.
+namespace fovea::cli {
+
+void AddOutputFlags(CLI::App* app, OutputOptions* output);
+void AddThreadsFlag(CLI::App* app, int* threads);
+void AddServerFlag(CLI::App* app, std::optional<std::string>* server);
+void AddFieldFlag(CLI::App* app, std::optional<std::string>* field);
+void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea,
+                   std::optional<double>* rate);
+void AddStepsFlag(CLI::App* app, StepRange* steps);
+/// --view, --span, --center, --size, --transfer and everything else a picture is made of.
+void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec);
+/// How foreign files are to be read: --raw and its like.
+void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest);
+/// Positional inputs, --server, --cache, --threads and the foreign flags.
+void AddPictureInput(CLI::App* app, PictureInput* input);
+
+}  // namespace fovea::cli
+
+#endif  // SERVICE_CLI_FLAGS_H_

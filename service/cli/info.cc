@@ -1,0 +1,106 @@
+#include <nlohmann/json.hpp>
+
+#include "service/cli/commands.h"
+#include "service/cli/console.h"
+#include "service/client/client.h"
+#include "service/frames/frames.h"
+#include "service/frames/spec_json.h"
+
+namespace fovea::cli {
+namespace {
+
+using nlohmann::json;
+
+StatusOr<client::DatasetSummary> LocalSummary(const std::string& path) {
+  FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(path));
+  client::DatasetSummary summary;
+  summary.name = path;
+  summary.info = dataset->info();
+  if (summary.info.committed_steps > 0) {
+    FOVEA_ASSIGN_OR_RETURN(summary.first_time_ns, dataset->TimeNs(0));
+    FOVEA_ASSIGN_OR_RETURN(summary.last_time_ns, dataset->TimeNs(summary.info.committed_steps - 1));
+    FOVEA_ASSIGN_OR_RETURN(summary.default_spec, frames::DefaultSpec(*dataset));
+  }
+  return summary;
+}
+
+json ToJson(const client::DatasetSummary& summary) {
+  const store::DatasetInfo& info = summary.info;
+  const Int3& dims = info.hierarchy.dims();
+  json fields = json::array();
+  for (const store::FieldInfo& field : info.fields) {
+    fields.push_back({{"name", field.name},
+                      {"type", field.type},
+                      {"minimum", field.minimum},
+                      {"maximum", field.maximum}});
+  }
+  return {{"name", summary.name},
+          {"nx", dims.x},
+          {"ny", dims.y},
+          {"nz", dims.z},
+          {"committed_steps", info.committed_steps},
+          {"fields", fields},
+          {"default_field", info.default_field},
+          {"wavelet", info.wavelet},
+          {"index_to_world", info.index_to_world.m},
+          {"world_unit", info.world_unit},
+          {"first_time_ns", summary.first_time_ns},
+          {"last_time_ns", summary.last_time_ns},
+          {"default_spec", frames::SpecToJson(summary.default_spec)}};
+}
+
+void Print(const client::DatasetSummary& summary) {
+  const store::DatasetInfo& info = summary.info;
+  const Int3& dims = info.hierarchy.dims();
+  const Vec3 spacing = info.index_to_world.Spacing();
+  PrintLine(summary.name);
+  PrintLine(fmt::format("  volume    {} x {} x {} voxels of {:.6g} x {:.6g} x {:.6g}{}{}", dims.x,
+                        dims.y, dims.z, spacing.x, spacing.y, spacing.z,
+                        info.world_unit.empty() ? "" : " ", info.world_unit));
+  PrintLine(fmt::format("  wavelet   {}, {} levels", info.wavelet, info.hierarchy.finest() + 1));
+  PrintLine(fmt::format("  steps     {}, {:.6g} to {:.6g} s", info.committed_steps,
+                        static_cast<double>(summary.first_time_ns) / 1e9,
+                        static_cast<double>(summary.last_time_ns) / 1e9));
+  for (const store::FieldInfo& field : info.fields) {
+    PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}", field.name, field.minimum,
+                          field.maximum, field.name == info.default_field ? " (default)" : ""));
+  }
+  if (info.committed_steps > 0) {
+    PrintLine(fmt::format("  pictures  {}", PinningFlags(summary.default_spec, dims)));
+  }
+}
+
+}  // namespace
+
+Status Run(const InfoCommand& command) {
+  std::vector<client::DatasetSummary> summaries;
+  if (!command.server) {
+    FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, LocalSummary(command.dataset));
+    summaries.push_back(std::move(summary));
+  } else {
+    FOVEA_ASSIGN_OR_RETURN(const auto client, client::Client::Connect(*command.server));
+    if (command.dataset.empty()) {
+      FOVEA_ASSIGN_OR_RETURN(summaries, client->ListDatasets());
+    } else {
+      FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, client->GetDataset(command.dataset));
+      summaries.push_back(std::move(summary));
+    }
+  }
+  if (command.output.json && command.dataset.empty()) {
+    json list = json::array();
+    for (const client::DatasetSummary& summary : summaries) {
+      list.push_back(ToJson(summary));
+    }
+    PrintLine(json({{"datasets", list}}).dump());
+    return absl::OkStatus();
+  }
+  for (const client::DatasetSummary& summary : summaries) {
+    command.output.json ? PrintLine(ToJson(summary).dump()) : Print(summary);
+  }
+  if (summaries.empty()) {
+    Note(command.output, "the server has no datasets");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace fovea::cli

@@ -1,0 +1,50 @@
+#include <nlohmann/json.hpp>
+
+#include "service/cli/commands.h"
+#include "service/cli/console.h"
+#include "service/cli/picture_source.h"
+#include "service/export/picture_file.h"
+#include "service/frames/spec_json.h"
+
+namespace fovea::cli {
+namespace {
+
+void PrintFrame(const RenderCommand& command, const frames::Frame& frame, const Int3& dims) {
+  const std::string flags = PinningFlags(frame.used, dims);
+  if (command.output.json) {
+    nlohmann::json value = frames::FrameToJson(frame);
+    value["output"] = command.file;
+    value["flags"] = flags;
+    PrintLine(value.dump());
+    return;
+  }
+  const frames::FrameStats& stats = frame.stats;
+  PrintLine(fmt::format("{}: {}x{}, step {}{}, {:.6g} s", command.file, frame.width_px,
+                        frame.height_px, frame.step,
+                        frame.frame_number ? fmt::format(" (frame {})", *frame.frame_number) : "",
+                        static_cast<double>(frame.time_ns) / 1e9));
+  PrintLine("pinned by: " + flags);
+  PrintLine(fmt::format("m {} coefficients, {} super-voxels, {} samples; {} of {} chunks read ({})",
+                        stats.coefficients, stats.super_voxels, stats.samples, stats.chunks_read,
+                        stats.chunks_total, HumanBytes(stats.bytes_read)));
+  PrintLine(fmt::format(
+      "read {:.1f} ms, reconstruct {:.1f}, render {:.1f}, smooth and warp {:.1f}, "
+      "encode {:.1f}",
+      stats.read_ms, stats.reconstruct_ms, stats.render_ms, stats.smooth_warp_ms, stats.encode_ms));
+}
+
+}  // namespace
+
+Status Run(const RenderCommand& command) {
+  FOVEA_ASSIGN_OR_RETURN(const auto format, exports::PictureFormatOf(command.file));
+  FOVEA_ASSIGN_OR_RETURN(const auto provider, OpenPictures(command.input, command.output));
+  FOVEA_ASSIGN_OR_RETURN(const frames::Frame frame, provider->Render(command.step, command.spec));
+  FOVEA_RETURN_IF_ERROR(exports::WritePicture(command.file, format, frame));
+  for (const frames::Warning& warning : frame.warnings) {
+    Note(command.output, "warning: " + warning.message);
+  }
+  PrintFrame(command, frame, provider->info().hierarchy.dims());
+  return absl::OkStatus();
+}
+
+}  // namespace fovea::cli

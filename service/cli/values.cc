@@ -1,0 +1,264 @@
+#include "service/cli/values.h"
+
+#include <array>
+#include <charconv>
+#include <fstream>
+#include <iterator>
+#include <span>
+#include <system_error>
+#include <vector>
+
+namespace fovea::cli {
+namespace {
+
+/// The whole of `text` as a number, or nothing.
+template <typename T>
+std::optional<T> Number(std::string_view text) {
+  if (text.starts_with('+')) {
+    text.remove_prefix(1);
+  }
+  T value{};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) {
+    return std::nullopt;
+  }
+  return value;
+}
+
+std::string_view Trimmed(std::string_view text) {
+  while (!text.empty() && text.front() == ' ') {
+    text.remove_prefix(1);
+  }
+  while (!text.empty() && text.back() == ' ') {
+    text.remove_suffix(1);
+  }
+  return text;
+}
+
+/// Exactly out.size() numbers with `separator` between them.
+template <typename T>
+bool ReadList(std::string_view text, char separator, std::span<T> out) {
+  for (size_t i = 0; i < out.size(); ++i) {
+    const size_t end = text.find(separator);
+    const bool last = i + 1 == out.size();
+    if (last != (end == std::string_view::npos)) {
+      return false;
+    }
+    const std::optional<T> value = Number<T>(Trimmed(text.substr(0, end)));
+    if (!value) {
+      return false;
+    }
+    out[i] = *value;
+    text.remove_prefix(last ? text.size() : end + 1);
+  }
+  return true;
+}
+
+}  // namespace
+
+StatusOr<double> ParseNumber(std::string_view text) {
+  const std::optional<double> value = Number<double>(Trimmed(text));
+  if (!value) {
+    return InvalidArgument("'{}' is not a number", text);
+  }
+  return *value;
+}
+
+StatusOr<frames::Position> ParsePosition(std::string_view text) {
+  const bool world = text.ends_with('w') || text.ends_with('W');
+  std::array<double, 3> at{};
+  if (!ReadList<double>(world ? text.substr(0, text.size() - 1) : text, ',', at)) {
+    return InvalidArgument("'{}' is not X,Y,Z (voxels) or X,Y,Zw (world units)", text);
+  }
+  return frames::Position{{at[0], at[1], at[2]}, world};
+}
+
+StatusOr<std::pair<double, double>> ParseView(std::string_view text) {
+  std::array<double, 2> angles{};
+  if (!ReadList<double>(text, ',', angles)) {
+    return InvalidArgument("'{}' is not AZ,EL in degrees, such as 30,20", text);
+  }
+  return std::pair(angles[0], angles[1]);
+}
+
+StatusOr<std::pair<int64_t, int64_t>> ParseSize(std::string_view text) {
+  std::array<int64_t, 2> size{};
+  if (!ReadList<int64_t>(text, 'x', size)) {
+    return InvalidArgument("'{}' is not WxH in pixels, such as 512x512", text);
+  }
+  return std::pair(size[0], size[1]);
+}
+
+StatusOr<Box3> ParseBox(std::string_view text) {
+  std::array<int64_t, 6> at{};
+  if (!ReadList<int64_t>(text, ',', at)) {
+    return InvalidArgument("'{}' is not X0,Y0,Z0,X1,Y1,Z1 in whole voxels", text);
+  }
+  const Box3 box{{at[0], at[1], at[2]}, {at[3], at[4], at[5]}};
+  if (box.IsEmpty()) {
+    return InvalidArgument(
+        "'{}' holds no voxel: each of X1,Y1,Z1 must be above X0,Y0,Z0 (it is not included)", text);
+  }
+  return box;
+}
+
+StatusOr<StepRange> ParseSteps(std::string_view text) {
+  const Status bad = InvalidArgument(
+      "'{}' is not a range of steps: A, A-B, A-BxS or A-, counted from 0, B included", text);
+  StepRange range;
+  std::string_view rest = text;
+  if (const size_t cross = rest.find('x'); cross != std::string_view::npos) {
+    const std::optional<int64_t> stride = Number<int64_t>(rest.substr(cross + 1));
+    if (!stride || *stride < 1) {
+      return bad;
+    }
+    range.stride = *stride;
+    rest = rest.substr(0, cross);
+  }
+  const size_t dash = rest.find('-');
+  const std::optional<int64_t> first = Number<int64_t>(rest.substr(0, dash));
+  if (!first || *first < 0) {
+    return bad;
+  }
+  range.first = *first;
+  range.last = range.first;
+  if (dash != std::string_view::npos) {
+    const std::string_view last = rest.substr(dash + 1);
+    range.last = Number<int64_t>(last);
+    if (range.last ? *range.last < range.first : !last.empty()) {
+      return bad;
+    }
+  }
+  return range;
+}
+
+StatusOr<Shard> ParseShard(std::string_view text) {
+  std::array<int64_t, 2> part{};
+  if (!ReadList<int64_t>(text, '/', part) || part[0] < 0 || part[0] >= part[1]) {
+    return InvalidArgument("'{}' is not i/n with i from 0 to n - 1, such as 0/4", text);
+  }
+  return Shard{part[0], part[1]};
+}
+
+StatusOr<render::Weighting> ParseWeighting(std::string_view text) {
+  constexpr std::string_view kFalloff = "falloff:";
+  if (text == "none") {
+    return render::Weighting{};
+  }
+  if (text == "chop") {
+    return render::Weighting{render::Weighting::Kind::kChop, 0};
+  }
+  if (text.starts_with(kFalloff)) {
+    if (const auto a = Number<double>(text.substr(kFalloff.size()))) {
+      return render::Weighting{render::Weighting::Kind::kFalloff, *a};
+    }
+  }
+  return InvalidArgument("'{}' is not none, chop or falloff:A (A per voxel, such as falloff:0.05)",
+                         text);
+}
+
+StatusOr<render::Smoothing> ParseSmoothing(std::string_view text) {
+  for (const auto smoothing :
+       {render::Smoothing::kNone, render::Smoothing::kImage, render::Smoothing::kFull}) {
+    if (text == SmoothingName(smoothing)) {
+      return smoothing;
+    }
+  }
+  return InvalidArgument("'{}' is not none, image or full", text);
+}
+
+StatusOr<render::Color> ParseColor(std::string_view text) {
+  std::array<float, 3> parts{};
+  if (!ReadList<float>(text, ',', parts)) {
+    return InvalidArgument("'{}' is not R,G,B, each 0 to 1, linear light", text);
+  }
+  return render::Color{parts[0], parts[1], parts[2]};
+}
+
+StatusOr<render::TransferFunction> ParseTransfer(const std::string& text) {
+  if (!text.ends_with(".json")) {
+    return render::ParseTransferFunction(text);
+  }
+  constexpr std::streamsize kMaxBytes = 1 << 20;
+  std::ifstream file(text, std::ios::binary);
+  std::string content(static_cast<size_t>(kMaxBytes), '\0');
+  if (!file) {
+    return NotFound("transfer function file '{}' cannot be opened", text);
+  }
+  file.read(content.data(), kMaxBytes);
+  if (file.gcount() == kMaxBytes) {
+    return InvalidArgument("transfer function file '{}' is longer than 1 MiB", text);
+  }
+  content.resize(static_cast<size_t>(file.gcount()));
+  auto transfer = render::ParseTransferFunction(content);
+  return transfer.ok() ? std::move(transfer) : Annotate(transfer.status(), text);
+}
+
+std::string FormatPosition(const frames::Position& position) {
+  return fmt::format("{},{},{}{}", position.at.x, position.at.y, position.at.z,
+                     position.world ? "w" : "");
+}
+
+std::string FormatWeighting(const render::Weighting& weighting) {
+  switch (weighting.kind) {
+    case render::Weighting::Kind::kNone:
+      return "none";
+    case render::Weighting::Kind::kChop:
+      return "chop";
+    case render::Weighting::Kind::kFalloff:
+      break;
+  }
+  return fmt::format("falloff:{}", weighting.falloff_per_voxel);
+}
+
+const char* SmoothingName(render::Smoothing smoothing) {
+  switch (smoothing) {
+    case render::Smoothing::kNone:
+      return "none";
+    case render::Smoothing::kImage:
+      return "image";
+    case render::Smoothing::kFull:
+      break;
+  }
+  return "full";
+}
+
+std::string ShellQuote(const std::string& text) {
+  constexpr std::string_view kPlain =
+      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_,.:/=+-@%";
+  if (!text.empty() && text.find_first_not_of(kPlain) == std::string::npos) {
+    return text;
+  }
+  std::string quoted = "'";
+  for (const char letter : text) {
+    quoted += letter == '\'' ? std::string("'\\''") : std::string(1, letter);
+  }
+  return quoted + "'";
+}
+
+std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
+  std::string flags = fmt::format(
+      "--field {} --fovea {} --rate {} --view {},{} --span {} --size {}x{} --transfer {} "
+      "--weighting {} --smoothing {}",
+      ShellQuote(*resolved.field), FormatPosition(*resolved.fovea), *resolved.rate,
+      *resolved.view.azimuth_deg, *resolved.view.elevation_deg, *resolved.view.span_voxels,
+      *resolved.width_px, *resolved.height_px,
+      ShellQuote(render::FormatTransferFunction(*resolved.transfer)),
+      FormatWeighting(*resolved.weighting), SmoothingName(*resolved.smoothing));
+  const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
+                    static_cast<double>(dims.z) / 2};
+  if (resolved.view.center->at != middle) {
+    flags += fmt::format(" --center {}", FormatPosition(*resolved.view.center));
+  }
+  if (*resolved.background != render::Color{}) {
+    flags += fmt::format(" --background {},{},{}", resolved.background->red,
+                         resolved.background->green, resolved.background->blue);
+  }
+  if (resolved.encoding == frames::Encoding::kJpeg && *resolved.jpeg_quality != 90) {
+    flags += fmt::format(" --quality {}", *resolved.jpeg_quality);
+  }
+  return flags + (resolved.fovea_marker ? " --fovea-marker" : "") +
+         (resolved.strict ? " --strict" : "");
+}
+
+}  // namespace fovea::cli

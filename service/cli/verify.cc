@@ -1,0 +1,42 @@
+#include "engine/store/verify.h"
+
+#include <nlohmann/json.hpp>
+
+#include "service/cli/commands.h"
+#include "service/cli/console.h"
+
+namespace fovea::cli {
+
+Status Run(const VerifyCommand& command) {
+  const StatusOr<store::VerifyReport> report = [&] {
+    Progress progress(command.output, "verify", "steps");
+    return store::Verify(command.dataset, command.threads, [&](int64_t done, int64_t total) {
+      progress.Update(done, total);
+      return !Interrupted();
+    });
+  }();
+  if (!report.ok()) {
+    return report.status();
+  }
+  if (command.output.json) {
+    PrintLine(nlohmann::json({{"dataset", command.dataset},
+                              {"steps", report->steps},
+                              {"chunks", report->chunks},
+                              {"bytes", report->bytes},
+                              {"problems", report->problems}})
+                  .dump());
+  } else {
+    PrintLine(fmt::format("{}: {} steps, {} chunks, {} checked", command.dataset, report->steps,
+                          report->chunks, HumanBytes(report->bytes)));
+    for (const std::string& problem : report->problems) {
+      PrintLine("  damaged: " + problem);
+    }
+  }
+  if (!report->problems.empty()) {
+    return DataLoss("{} is damaged in {} places; pictures leave damaged chunks out, with a warning",
+                    command.dataset, report->problems.size());
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace fovea::cli
