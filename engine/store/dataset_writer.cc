@@ -118,9 +118,11 @@ class Writer final : public DatasetWriter {
                                   const FieldStats& stats) const;
   [[nodiscard]] Status WriteFieldFiles(const std::string& field,
                                        const CoefficientSet& coefficients);
-  [[nodiscard]] Status CheckCommit(int64_t time_ns) const;
+  [[nodiscard]] Status CheckCommit(int64_t time_ns, std::optional<int64_t> frame_number) const;
   void SetRows(int64_t time_ns, std::optional<int64_t> frame_number);
   [[nodiscard]] Status WriteAllSeries();
+  /// Brings everything that the commit will need to the disk, under temporary names.
+  [[nodiscard]] Status PrepareCommit(const DatasetInfo& info);
   [[nodiscard]] DatasetInfo InfoAfterCommit() const;
   [[nodiscard]] Status CheckUsable() const;
   void DropStep();
@@ -205,8 +207,11 @@ Status Writer::WriteFieldFiles(const std::string& field, const CoefficientSet& c
 
 Status Writer::WriteField(const std::string& field, const CoefficientSet& coefficients,
                           const FieldStats& stats) {
-  FOVEA_RETURN_IF_ERROR(CheckField(field, coefficients, stats));
-  if (const Status status = WriteFieldFiles(field, coefficients); !status.ok()) {
+  Status status = CheckField(field, coefficients, stats);
+  if (status.ok()) {
+    status = WriteFieldFiles(field, coefficients);
+  }
+  if (!status.ok()) {
     DropStep();
     return Annotate(status, fmt::format("field '{}' of step {}", field, info_.committed_steps));
   }
@@ -214,7 +219,7 @@ Status Writer::WriteField(const std::string& field, const CoefficientSet& coeffi
   return absl::OkStatus();
 }
 
-Status Writer::CheckCommit(int64_t time_ns) const {
+Status Writer::CheckCommit(int64_t time_ns, std::optional<int64_t> frame_number) const {
   FOVEA_RETURN_IF_ERROR(CheckUsable());
   for (const FieldInfo& field : info_.fields) {
     if (!written_.contains(field.name)) {
@@ -225,6 +230,9 @@ Status Writer::CheckCommit(int64_t time_ns) const {
   if (time_ns < series_.last_time_ns) {
     return InvalidArgument("step {} at {} ns would be before the last step, at {} ns",
                            info_.committed_steps, time_ns, series_.last_time_ns);
+  }
+  if (frame_number == kNoFrameNumber) {
+    return InvalidArgument("frame number {} stands for no number", kNoFrameNumber);
   }
   if (info_.committed_steps >= kMaxSteps) {
     return ResourceExhausted("{} is full: it has {} steps", path_, kMaxSteps);
@@ -284,19 +292,19 @@ Status WriteMetadata(const std::string& path, const DatasetInfo& info,
   return WriteText(MetadataPath(path), group, batch);
 }
 
+Status Writer::PrepareCommit(const DatasetInfo& info) {
+  FOVEA_RETURN_IF_ERROR(WriteAllSeries());
+  FOVEA_RETURN_IF_ERROR(WriteMetadata(path_, info, arrays_, &batch_));
+  return batch_.Flush();
+}
+
 Status Writer::Commit(int64_t time_ns, std::optional<int64_t> frame_number) {
-  FOVEA_RETURN_IF_ERROR(CheckCommit(time_ns));
-  if (frame_number == kNoFrameNumber) {
-    return InvalidArgument("frame number {} stands for no number", kNoFrameNumber);
-  }
-  SetRows(time_ns, frame_number);
-  DatasetInfo info = InfoAfterCommit();
-  Status status = WriteAllSeries();
+  Status status = CheckCommit(time_ns, frame_number);
+  DatasetInfo info;
   if (status.ok()) {
-    status = WriteMetadata(path_, info, arrays_, &batch_);
-  }
-  if (status.ok()) {
-    status = batch_.Flush();
+    info = InfoAfterCommit();
+    SetRows(time_ns, frame_number);
+    status = PrepareCommit(info);
   }
   if (status.ok()) {
     status = batch_.Publish();

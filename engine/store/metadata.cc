@@ -141,9 +141,16 @@ StatusOr<std::string> GroupJson(const DatasetInfo& info) {
   }
 }
 
+namespace {
+
+json FieldGroupDocument() {
+  return {{"zarr_format", 3}, {"node_type", "group"}, {"attributes", json::object()}};
+}
+
+}  // namespace
+
 std::string FieldGroupJson() {
-  return json{{"zarr_format", 3}, {"node_type", "group"}, {"attributes", json::object()}}.dump(1) +
-         "\n";
+  return FieldGroupDocument().dump(1) + "\n";
 }
 
 namespace {
@@ -366,8 +373,12 @@ Status CheckFieldGroup(const std::string& store_path, const std::string& field) 
     return DataLoss("{} is missing", path);
   }
   FOVEA_RETURN_IF_ERROR(document.status());
-  if (!document->is_object() || document->value("zarr_format", json()) != 3 ||
-      document->value("node_type", json()) != "group") {
+  // Attributes are free for others to use.
+  if (document->is_object() && document->contains("attributes") &&
+      document->at("attributes").is_object()) {
+    document->at("attributes") = json::object();
+  }
+  if (*document != FieldGroupDocument()) {
     return DataLoss("{} is damaged: not a Zarr v3 group", path);
   }
   return absl::OkStatus();

@@ -119,7 +119,7 @@ TEST(Dataset, KeepsWhatItIsToldAboutTheData) {
     least = std::min(least, stats.minimum);
     most = std::max(most, stats.maximum);
     ASSERT_OK_AND_ASSIGN(const int64_t time, dataset->TimeNs(step));
-    EXPECT_EQ(time, step * 1'000'000'000);
+    EXPECT_EQ(time, int64_t{step} * 1'000'000'000);
     ASSERT_OK_AND_ASSIGN(const auto number, dataset->FrameNumber(step));
     EXPECT_EQ(number, step % 2 == 0 ? std::optional<int64_t>(100 + step) : std::nullopt);
   }
