@@ -97,6 +97,15 @@ class LevelPlanner {
     return slice;
   }
 
+  /// The pixels whose ray enters the volume's near face and leaves its far face.
+  [[nodiscard]] Rect CrossingPixels() const {
+    const double depth = Extent(view_.axis_k);
+    const auto at_face = [&](const SliceShift& shift) {
+      return PixelsInside(0, Extent(view_.axis_u), 0, Extent(view_.axis_v), shift);
+    };
+    return Intersect(at_face({0, 0}), at_face({view_.slope_u * depth, view_.slope_v * depth}));
+  }
+
   /// Ownership and side: which pixels of `slice.owned` the window takes, and what lies beyond an
   /// edge that is leaving.
   void PlaceWindow(SlicePlan* slice) const {
@@ -246,8 +255,7 @@ std::vector<LevelPlan> PlanLevels(const RetainedSet& retained, const ShearView& 
     LevelPlan plan;
     plan.level = level;
     plan.width = retained.hierarchy().WidthAt(level);
-    plan.crossing = Intersect(planner.BareSlice(0).in_volume,
-                              planner.BareSlice(planner.dims()[view.axis_k] - 1).in_volume);
+    plan.crossing = planner.CrossingPixels();
     if (level == 0) {
       plan.rect = CoarsestRect(planner, view);
       const int64_t count = planner.dims()[view.axis_k];
@@ -264,6 +272,7 @@ std::vector<LevelPlan> PlanLevels(const RetainedSet& retained, const ShearView& 
         break;
       }
       plan.rect = Doubled(bounds);
+      plan.crossing = Intersect(plan.crossing, Doubled(coarser.crossing));
       plan.void_u0 = coarser.void_u0 && bounds.u0 == coarser.rect.u0;
       plan.void_u1 = coarser.void_u1 && bounds.u1 == coarser.rect.u1;
       plan.void_v0 = coarser.void_v0 && bounds.v0 == coarser.rect.v0;

@@ -71,8 +71,8 @@ struct LevelPlan {
   Rect rect;
   /// Sides of rect beyond which there is no volume (else: a coarser level's pixels).
   bool void_u0 = true, void_u1 = true, void_v0 = true, void_v1 = true;
-  /// Pixels whose ray is inside the volume in every slice: it enters the near face and leaves the
-  /// far face.
+  /// Pixels whose ray, and whose ancestors' rays, enter the volume's near face and leave its far
+  /// face: nothing is missing from what they gather.
   Rect crossing;
   std::vector<SlicePlan> slices;
 

@@ -93,8 +93,23 @@ Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const Rect& sheet, co
 
 namespace {
 
-/// Adds what level l contributes at a point to `value`, whose weight `left` is still open.
-void AddLevel(const SmoothLevel& level, double at_u, double at_v, Rgba* value, float* left) {
+/// One level interpolated at a point: the sum of value times weight, and of the weights.
+struct Interpolated {
+  Rgba weighted;
+  float weight = 0;
+};
+
+void AddScaled(const Rgba& from, float scale, Rgba* to) {
+  to->red += scale * from.red;
+  to->green += scale * from.green;
+  to->blue += scale * from.blue;
+  to->alpha += scale * from.alpha;
+}
+
+/// Bilinear. A tap where there is no volume counts as transparent between pixels one voxel wide,
+/// as in the full-resolution picture; a wider pixel's neighbour in the void is left out, and the
+/// others make up for it.
+Interpolated Interpolate(const SmoothLevel& level, double at_u, double at_v) {
   const Rect& rect = level.plan.rect;
   const double x = at_u / static_cast<double>(level.plan.width) - 0.5;
   const double y = at_v / static_cast<double>(level.plan.width) - 0.5;
@@ -105,47 +120,53 @@ void AddLevel(const SmoothLevel& level, double at_u, double at_v, Rgba* value, f
   const auto u = static_cast<int64_t>(floor_x);
   const auto v = static_cast<int64_t>(floor_y);
   const float shares[4] = {(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv};
-  Rgba sum;
-  float weight = 0;
+  Interpolated sum;
+  float in_void = 0;
   for (int tap = 0; tap < 4; ++tap) {
     const int64_t tu = u + (tap & 1);
     const int64_t tv = v + (tap >> 1);
     if (rect.Contains(tu, tv)) {
       const auto i = static_cast<size_t>((tv - rect.v0) * rect.Width() + tu - rect.u0);
-      const Rgba& a = level.weighted[i];
-      sum.red += shares[tap] * a.red;
-      sum.green += shares[tap] * a.green;
-      sum.blue += shares[tap] * a.blue;
-      sum.alpha += shares[tap] * a.alpha;
-      weight += shares[tap] * level.weights[i];
+      AddScaled(level.weighted[i], shares[tap], &sum.weighted);
+      sum.weight += shares[tap] * level.weights[i];
     } else if (level.plan.IsVoid(tu, tv)) {
-      weight += shares[tap];
+      in_void += shares[tap];
     }
   }
-  value->red += *left * sum.red;
-  value->green += *left * sum.green;
-  value->blue += *left * sum.blue;
-  value->alpha += *left * sum.alpha;
-  *left *= 1 - weight;
+  if (level.plan.width == 1) {
+    sum.weight += in_void;
+  } else if (in_void > 0 && in_void < 1) {
+    const float scale = 1 / (1 - in_void);
+    const Rgba kept = sum.weighted;
+    sum.weighted = {};
+    AddScaled(kept, scale, &sum.weighted);
+    sum.weight *= scale;
+  }
+  return sum;
+}
+
+/// How much of a point lies within reach of the sheet's pixels, which end between pixel centres:
+/// 1 inside, falling to 0 over the voxel around its edge.
+float CoverOf(const Rect& sheet, double at_u, double at_v) {
+  const double u =
+      std::min(at_u - static_cast<double>(sheet.u0), static_cast<double>(sheet.u1) - at_u);
+  const double v =
+      std::min(at_v - static_cast<double>(sheet.v0), static_cast<double>(sheet.v1) - at_v);
+  return static_cast<float>(std::clamp(u + 0.5, 0.0, 1.0) * std::clamp(v + 0.5, 0.0, 1.0));
 }
 
 }  // namespace
 
 Image WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& sheet, const ShearView& view,
                  int width_px, int height_px, int threads) {
-  // However wide a pixel, nothing is drawn beyond the reach of the sheet's outermost pixels.
-  const double lo_u = static_cast<double>(sheet.u0) - 0.5;
-  const double hi_u = static_cast<double>(sheet.u1) + 0.5;
-  const double lo_v = static_cast<double>(sheet.v0) - 0.5;
-  const double hi_v = static_cast<double>(sheet.v1) + 0.5;
   return WarpWith(view, width_px, height_px, threads, [&](double at_u, double at_v) {
     Rgba value;
-    if (at_u < lo_u || at_u > hi_u || at_v < lo_v || at_v > hi_v) {
-      return value;
-    }
-    float left = 1;
+    const float cover = CoverOf(sheet, at_u, at_v);
+    float left = cover > 0 ? 1 : 0;
     for (size_t l = levels.size(); l-- > 0 && left > 1e-6F;) {
-      AddLevel(levels[l], at_u, at_v, &value, &left);
+      const Interpolated level = Interpolate(levels[l], at_u, at_v);
+      AddScaled(level.weighted, levels[l].plan.width == 1 ? left : left * cover, &value);
+      left *= 1 - level.weight;
     }
     return value;
   });
