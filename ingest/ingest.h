@@ -17,9 +17,9 @@ namespace fovea::ingest {
 /// How headerless voxels lie in a file: x fastest, then y, then z.
 struct RawFormat {
   Int3 dims;
-  std::string type = "uint8";   // uint8 int8 uint16 int16 uint32 int32 float32 float64
+  std::string type = "uint8";  // uint8 int8 uint16 int16 uint32 int32 float32 float64
   bool big_endian = false;
-  int64_t header_bytes = 0;     // skipped at the start of each file
+  int64_t header_bytes = 0;  // skipped at the start of each file
   int64_t steps_per_file = 1;
   friend bool operator==(const RawFormat&, const RawFormat&) = default;
 };
@@ -43,13 +43,13 @@ struct WorkerLimits {
 struct IngestOptions {
   /// Files, globs, or sequences: smoke_####.vdb, smoke_%04d.vdb, 'smoke_*.vdb'. Natural order.
   std::vector<std::string> inputs;
-  std::string output;                 // NAME.zarr
-  std::optional<RawFormat> raw;       // inputs are headerless voxels of this format
-  std::vector<std::string> grids;     // VDB: which grids, in order; empty: every scalar grid
-  std::string field = "density";      // raw: the name of the one field
-  Vec3 spacing{1, 1, 1};              // raw: voxel size in the world
-  double frames_per_second = 24;      // time of a step = its number / this
-  bool append = false;                // add steps to an existing store
+  std::string output;              // NAME.zarr
+  std::optional<RawFormat> raw;    // inputs are headerless voxels of this format
+  std::vector<std::string> grids;  // VDB: which grids, in order; empty: every scalar grid
+  std::string field = "density";   // raw: the name of the one field
+  Vec3 spacing{1, 1, 1};           // raw: voxel size in the world
+  double frames_per_second = 24;   // time of a step = its number / this
+  bool append = false;             // add steps to an existing store
   OnMissing on_missing = OnMissing::kError;
   int64_t chunk_edge = 16;
   int threads = 0;
@@ -57,19 +57,19 @@ struct IngestOptions {
 };
 
 struct IngestReport {
-  int64_t steps = 0;                  // committed by this call
+  int64_t steps = 0;  // committed by this call
   Int3 dims;
   Int3 origin;
   std::vector<std::string> fields;
   std::vector<std::string> warnings;  // what was decided for the user, one line each
   uint64_t input_bytes = 0;
-  uint64_t nonfinite_values = 0;      // NaN and infinity, made background
+  uint64_t nonfinite_values = 0;  // NaN and infinity, made background
   double read_ms = 0, transform_ms = 0, write_ms = 0;
 };
 
 struct IngestProgress {
   int64_t steps_done = 0, steps_total = 0;
-  std::string now;                    // the file in hand
+  std::string now;  // the file in hand
 };
 
 /// Ingests a whole series: a first pass over the metadata finds fields, extent (the union of the

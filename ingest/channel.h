@@ -1,0 +1,46 @@
+#ifndef INGEST_CHANNEL_H_
+#define INGEST_CHANNEL_H_
+
+#include <chrono>
+#include <optional>
+#include <string>
+
+#include "engine/base/status.h"
+#include "ingest/protocol.h"
+
+namespace fovea::ingest {
+
+/// Frames over one end of a stream socket. Not thread-safe.
+class Channel {
+ public:
+  using Deadline = std::chrono::steady_clock::time_point;
+  static constexpr Deadline kNoDeadline = Deadline::max();
+
+  /// Takes the socket over and closes it in the end.
+  explicit Channel(int socket) : socket_(socket) {}
+  ~Channel();
+  Channel(const Channel&) = delete;
+  Channel& operator=(const Channel&) = delete;
+
+  /// Queues a frame; it leaves with Flush or when enough has gathered. UNAVAILABLE if the other end
+  /// is gone, DEADLINE_EXCEEDED if it does not take it in time.
+  [[nodiscard]] Status Send(const Frame& frame, Deadline deadline);
+  [[nodiscard]] Status Flush(Deadline deadline);
+
+  /// The next frame. UNAVAILABLE if the other end is gone, DEADLINE_EXCEEDED if nothing came in
+  /// time, INTERNAL if it announces more than kMaxPayloadBytes.
+  [[nodiscard]] StatusOr<Frame> Receive(Deadline deadline);
+
+ private:
+  [[nodiscard]] Status Wait(short events, Deadline deadline) const;
+  [[nodiscard]] Status ReadExactly(char* data, size_t size, Deadline deadline);
+
+  int socket_;
+  std::string outgoing_;
+  std::string incoming_;
+  size_t consumed_ = 0;  // of incoming_
+};
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_CHANNEL_H_

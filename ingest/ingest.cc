@@ -1,0 +1,260 @@
+#include "ingest/ingest.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <system_error>
+#include <utility>
+
+#include "engine/base/stopwatch.h"
+#include "engine/store/dataset_writer.h"
+#include "engine/wavelet/haar.h"
+#include "ingest/raw_format.h"
+#include "ingest/sequence.h"
+#include "ingest/series_plan.h"
+#include "ingest/step_reader.h"
+
+namespace fovea::ingest {
+namespace {
+
+namespace fs = std::filesystem;
+using ProgressCallback = std::function<bool(const IngestProgress&)>;
+
+Status CheckOptions(const IngestOptions& options) {
+  if (options.output.empty()) {
+    return InvalidArgument("no dataset to write was named");
+  }
+  if (options.chunk_edge != 8 && options.chunk_edge != 16 && options.chunk_edge != 32) {
+    return InvalidArgument("chunk edge {}: must be 8, 16 or 32", options.chunk_edge);
+  }
+  if (options.raw) {
+    FOVEA_RETURN_IF_ERROR(CheckRawFormat(*options.raw));
+  }
+  std::error_code error;
+  const bool is_new = !fs::exists(options.output, error) || fs::is_empty(options.output, error);
+  if (!options.append && !is_new) {
+    return AlreadyExists("'{}' is there already: remove it, name another, or add to it (--append)",
+                         options.output);
+  }
+  return absl::OkStatus();
+}
+
+/// How often something happened to a field, and where first.
+struct Tally {
+  uint64_t values = 0;
+  std::string first_path;
+  void Add(uint64_t count, const std::string& path) {
+    if (values == 0 && count > 0) {
+      first_path = path;
+    }
+    values += count;
+  }
+};
+
+/// One attempt at a whole series.
+class Run {
+ public:
+  Run(const IngestOptions& options, const ProgressCallback& progress)
+      : options_(options), progress_(progress) {}
+
+  /// Scans, plans, and carries the plan out.
+  [[nodiscard]] Status Execute(bool from_voxels);
+
+  /// Execute failed because a file's metadata announced too small a box: worth another run with
+  /// from_voxels, after Discard.
+  [[nodiscard]] bool metadata_was_wrong() const { return metadata_was_wrong_; }
+  /// Removes the store that this run made, if it made one.
+  void Discard();
+  [[nodiscard]] IngestReport TakeReport();
+
+ private:
+  Status OpenExisting(std::optional<ExistingStore>* existing);
+  Status Plan(bool from_voxels);
+  Status WriteSteps(bool from_voxels);
+  Status WriteStep(const PlannedStep& step, StepVoxels voxels);
+  Status CreateStore();
+  [[nodiscard]] bool GoOn(int64_t done, int64_t total, const std::string& now) const {
+    return progress_ == nullptr || progress_({done, total, now});
+  }
+
+  const IngestOptions& options_;
+  const ProgressCallback& progress_;
+  SeriesPlan plan_;
+  Hierarchy hierarchy_;
+  std::unique_ptr<store::DatasetWriter> writer_;
+  bool made_store_ = false;
+  bool metadata_was_wrong_ = false;
+  IngestReport report_;
+  std::vector<Tally> nonfinite_, rounded_;  // by field
+};
+
+Status Run::Execute(bool from_voxels) {
+  FOVEA_RETURN_IF_ERROR(Plan(from_voxels));
+  const Status status = WriteSteps(from_voxels);
+  if (status.ok() || metadata_was_wrong_) {
+    return status;
+  }
+  if (report_.steps == 0) {
+    Discard();
+    return status;
+  }
+  return MakeStatus(
+      status.code(),
+      fmt::format("{} (what was done before stays: {} {} in '{}')", MessageOf(status),
+                  report_.steps, report_.steps == 1 ? "step" : "steps", options_.output));
+}
+
+Status Run::OpenExisting(std::optional<ExistingStore>* existing) {
+  FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Append(options_.output));
+  existing->emplace();
+  (*existing)->info = writer_->info();
+  const int64_t steps = writer_->info().committed_steps;
+  if (steps > 0) {
+    FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(options_.output));
+    FOVEA_ASSIGN_OR_RETURN((*existing)->last_time_ns, dataset->TimeNs(steps - 1));
+  }
+  return absl::OkStatus();
+}
+
+Status Run::Plan(bool from_voxels) {
+  std::optional<ExistingStore> existing;
+  if (options_.append) {
+    FOVEA_RETURN_IF_ERROR(OpenExisting(&existing));
+  }
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<SequenceFile> files,
+                         ResolveInputs(options_.inputs, options_.on_missing));
+  const auto total = static_cast<int64_t>(files.size());
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<ScannedFile> scanned,
+                         ScanFiles(options_, files, from_voxels,
+                                   [&](const std::string& path) { return GoOn(0, total, path); }));
+  for (const ScannedFile& file : scanned) {
+    report_.input_bytes += file.file.held ? 0 : static_cast<uint64_t>(file.info.file_bytes);
+  }
+  FOVEA_ASSIGN_OR_RETURN(plan_, PlanSeries(options_, scanned, existing));
+  FOVEA_ASSIGN_OR_RETURN(hierarchy_, Hierarchy::Make(plan_.extent.Size()));
+  report_.dims = plan_.extent.Size();
+  report_.origin = plan_.extent.lo;
+  report_.fields = plan_.fields;
+  report_.warnings = plan_.warnings;
+  nonfinite_.resize(plan_.fields.size());
+  rounded_.resize(plan_.fields.size());
+  return absl::OkStatus();
+}
+
+Status Run::WriteSteps(bool from_voxels) {
+  const auto total = static_cast<int64_t>(plan_.steps.size());
+  StepReader reader(options_, plan_);
+  for (const PlannedStep& step : plan_.steps) {
+    if (!GoOn(report_.steps, total, step.sources.front().path)) {
+      return Cancelled("stopped as asked, after {} of {} steps", report_.steps, total);
+    }
+    FOVEA_ASSIGN_OR_RETURN(StepVoxels voxels, reader.Next());
+    if (!voxels.outside.empty()) {
+      metadata_was_wrong_ = !from_voxels && !options_.append;
+      return DataLoss(
+          "{} has active voxels outside the box that its metadata (file_bbox_min, file_bbox_max) "
+          "announces; write the file again with OpenVDB",
+          voxels.outside);
+    }
+    FOVEA_RETURN_IF_ERROR(WriteStep(step, std::move(voxels)));
+  }
+  static_cast<void>(GoOn(report_.steps, total, ""));
+  return absl::OkStatus();
+}
+
+Status Run::WriteStep(const PlannedStep& step, StepVoxels voxels) {
+  report_.read_ms += voxels.read_ms;
+  for (size_t i = 0; i < plan_.fields.size(); ++i) {
+    FieldVoxels field = std::move(voxels.fields[i]);
+    nonfinite_[i].Add(field.nonfinite, step.sources[i].path);
+    rounded_[i].Add(field.rounded, step.sources[i].path);
+    Stopwatch watch;
+    const FieldStats stats = ComputeStats(field.voxels);
+    const CoefficientSet coefficients =
+        wavelet::ForwardHaar(field.voxels, hierarchy_, options_.threads);
+    report_.transform_ms += watch.RestartMs();
+    if (writer_ == nullptr) {
+      FOVEA_RETURN_IF_ERROR(CreateStore());
+    }
+    FOVEA_RETURN_IF_ERROR(writer_->WriteField(plan_.fields[i], coefficients, stats));
+    report_.write_ms += watch.ElapsedMs();
+  }
+  const Stopwatch watch;
+  FOVEA_RETURN_IF_ERROR(writer_->Commit(step.time_ns, step.frame_number));
+  report_.write_ms += watch.ElapsedMs();
+  ++report_.steps;
+  return absl::OkStatus();
+}
+
+/// Late, when the first step is ready to be written: a series that fails at once leaves nothing.
+Status Run::CreateStore() {
+  store::DatasetInfo info;
+  info.hierarchy = hierarchy_;
+  info.origin = plan_.extent.lo;
+  info.index_to_world = plan_.index_to_world;
+  info.world_unit = plan_.world_unit;
+  info.chunk_edge = options_.chunk_edge;
+  info.default_field = plan_.fields.front();
+  for (const std::string& name : plan_.fields) {
+    store::FieldInfo field;
+    field.name = name;
+    info.fields.push_back(field);
+    if (name == "density") {
+      info.default_field = name;
+    }
+  }
+  FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, info));
+  made_store_ = true;
+  return absl::OkStatus();
+}
+
+void Run::Discard() {
+  writer_.reset();
+  if (made_store_) {
+    std::error_code ignored;
+    fs::remove_all(options_.output, ignored);
+    made_store_ = false;
+  }
+}
+
+IngestReport Run::TakeReport() {
+  for (size_t i = 0; i < plan_.fields.size(); ++i) {
+    if (nonfinite_[i].values > 0) {
+      report_.nonfinite_values += nonfinite_[i].values;
+      report_.warnings.push_back(
+          fmt::format("field '{}': {} NaN or infinite values became the background, first in '{}'",
+                      plan_.fields[i], nonfinite_[i].values, nonfinite_[i].first_path));
+    }
+    if (rounded_[i].values > 0) {
+      report_.warnings.push_back(fmt::format(
+          "field '{}': {} values are not exact in float32 and were rounded, first in '{}'",
+          plan_.fields[i], rounded_[i].values, rounded_[i].first_path));
+    }
+  }
+  return std::move(report_);
+}
+
+}  // namespace
+
+StatusOr<IngestReport> Ingest(const IngestOptions& options, const ProgressCallback& progress) {
+  FOVEA_RETURN_IF_ERROR(CheckOptions(options));
+  Run run(options, progress);
+  const Status status = run.Execute(/*from_voxels=*/false);
+  if (status.ok()) {
+    return run.TakeReport();
+  }
+  if (!run.metadata_was_wrong()) {
+    return status;
+  }
+  // Steps may have been committed with too small an extent; they are made anew with the right one.
+  run.Discard();
+  Run again(options, progress);
+  FOVEA_RETURN_IF_ERROR(again.Execute(/*from_voxels=*/true));
+  IngestReport report = again.TakeReport();
+  report.warnings.push_back(fmt::format(
+      "{}; the series was begun again with the boxes found from the voxels", MessageOf(status)));
+  return report;
+}
+
+}  // namespace fovea::ingest

@@ -1,0 +1,348 @@
+#include "ingest/protocol.h"
+
+#include <cmath>
+#include <limits>
+
+#include "ingest/payload.h"
+#include "ingest/raw_format.h"
+
+namespace fovea::ingest {
+namespace {
+
+/// File indices are 32 bits; a half-open box may end one beyond.
+constexpr int64_t kLeastIndex = std::numeric_limits<int32_t>::min();
+constexpr int64_t kGreatestIndex = int64_t{std::numeric_limits<int32_t>::max()} + 1;
+
+Status Malformed(const char* what) {
+  return Internal("malformed message: {}", what);
+}
+
+Status CheckFrame(const Frame& frame, FrameKind kind, const PayloadReader& reader,
+                  const char* what) {
+  if (frame.kind != kind || !reader.Complete()) {
+    return Malformed(what);
+  }
+  return absl::OkStatus();
+}
+
+/// Within the index range; with positive extent, or all zero where it may be empty.
+bool IsSaneBox(const Box3& box, bool may_be_empty) {
+  if (box == Box3{}) {
+    return may_be_empty;
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    if (box.lo[axis] < kLeastIndex || box.hi[axis] > kGreatestIndex ||
+        box.hi[axis] <= box.lo[axis]) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void WriteRaw(const std::optional<RawFormat>& raw, PayloadWriter* writer) {
+  writer->Number(static_cast<uint8_t>(raw.has_value()));
+  if (raw) {
+    writer->Number(raw->dims.x).Number(raw->dims.y).Number(raw->dims.z).Text(raw->type);
+    writer->Number(static_cast<uint8_t>(raw->big_endian));
+    writer->Number(raw->header_bytes).Number(raw->steps_per_file);
+  }
+}
+
+std::optional<RawFormat> ReadRaw(PayloadReader* reader) {
+  if (reader->Number<uint8_t>() == 0) {
+    return std::nullopt;
+  }
+  RawFormat raw;
+  raw.dims.x = reader->Number<int64_t>();
+  raw.dims.y = reader->Number<int64_t>();
+  raw.dims.z = reader->Number<int64_t>();
+  raw.type = reader->Text();
+  raw.big_endian = reader->Number<uint8_t>() != 0;
+  raw.header_bytes = reader->Number<int64_t>();
+  raw.steps_per_file = reader->Number<int64_t>();
+  return raw;
+}
+
+/// The length of the UTF-8 sequence at `position`, or 0 if there is none.
+size_t Utf8Length(const std::string& text, size_t position) {
+  const auto byte = [&](size_t i) { return static_cast<unsigned char>(text[i]); };
+  const unsigned char lead = byte(position);
+  const size_t length = lead < 0x80   ? 1
+                        : lead < 0xC2 ? 0
+                        : lead < 0xE0 ? 2
+                        : lead < 0xF0 ? 3
+                        : lead < 0xF5 ? 4
+                                      : 0;
+  if (length == 0 || position + length > text.size()) {
+    return 0;
+  }
+  for (size_t i = 1; i < length; ++i) {
+    if ((byte(position + i) & 0xC0) != 0x80) {
+      return 0;
+    }
+  }
+  if (length < 3) {
+    return length;
+  }
+  // Overlong forms, surrogates and what lies beyond U+10FFFF.
+  const unsigned char second = byte(position + 1);
+  const bool bad = (lead == 0xE0 && second < 0xA0) || (lead == 0xED && second > 0x9F) ||
+                   (lead == 0xF0 && second < 0x90) || (lead == 0xF4 && second > 0x8F);
+  return bad ? 0 : length;
+}
+
+}  // namespace
+
+Frame Encode(const ScanRequest& message) {
+  PayloadWriter writer;
+  writer.Text(message.path);
+  WriteRaw(message.raw, &writer);
+  writer.Number(static_cast<uint8_t>(message.from_voxels));
+  return {FrameKind::kScan, writer.Take()};
+}
+
+Frame Encode(const ReadRequest& message) {
+  PayloadWriter writer;
+  writer.Text(message.path);
+  WriteRaw(message.raw, &writer);
+  writer.Number(message.step_in_file).Box(message.extent);
+  writer.Number(static_cast<uint32_t>(message.grids.size()));
+  for (const std::string& grid : message.grids) {
+    writer.Text(grid);
+  }
+  return {FrameKind::kRead, writer.Take()};
+}
+
+Frame Encode(const PictureRequest& message) {
+  PayloadWriter writer;
+  writer.Text(message.format).Number(message.width).Number(message.height);
+  return {FrameKind::kPicture, writer.Take()};
+}
+
+Frame Encode(const FileInfo& message) {
+  PayloadWriter writer;
+  writer.Number(message.file_bytes).Text(message.world_unit);
+  return {FrameKind::kFile, writer.Take()};
+}
+
+Frame Encode(const GridInfo& message) {
+  PayloadWriter writer;
+  writer.Text(message.name).Text(message.type).Text(message.problem).Box(message.box);
+  for (const double element : message.index_to_world.m) {
+    writer.Number(element);
+  }
+  writer.Number(message.declared_bytes);
+  return {FrameKind::kGrid, writer.Take()};
+}
+
+Frame Encode(const FieldStart& message) {
+  PayloadWriter writer;
+  writer.Number(message.index).Number(message.background).Number(message.fill);
+  return {FrameKind::kField, writer.Take()};
+}
+
+Frame Encode(const FieldEnd& message) {
+  PayloadWriter writer;
+  writer.Box(message.active).Number(message.rounded);
+  return {FrameKind::kFieldEnd, writer.Take()};
+}
+
+Frame EncodeBlock(const Box3& box, std::span<const float> values) {
+  PayloadWriter writer;
+  writer.Box(box).Floats(values);
+  return {FrameKind::kBlock, writer.Take()};
+}
+
+Frame Encode(const Tile& message) {
+  PayloadWriter writer;
+  writer.Box(message.box).Number(message.value);
+  return {FrameKind::kTile, writer.Take()};
+}
+
+Frame EncodeHello(uint32_t version) {
+  PayloadWriter writer;
+  writer.Number(version);
+  return {FrameKind::kHello, writer.Take()};
+}
+
+Frame EncodeError(const Status& status) {
+  PayloadWriter writer;
+  writer.Number(static_cast<uint32_t>(status.code()));
+  writer.Text(std::string(MessageOf(status).substr(0, kMaxPayloadBytes / 2)));
+  return {FrameKind::kError, writer.Take()};
+}
+
+StatusOr<ScanRequest> DecodeScanRequest(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  ScanRequest message;
+  message.path = reader.Text();
+  message.raw = ReadRaw(&reader);
+  message.from_voxels = reader.Number<uint8_t>() != 0;
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kScan, reader, "scan request"));
+  return message;
+}
+
+StatusOr<ReadRequest> DecodeReadRequest(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  ReadRequest message;
+  message.path = reader.Text();
+  message.raw = ReadRaw(&reader);
+  message.step_in_file = reader.Number<int64_t>();
+  message.extent = reader.Box();
+  const auto count = reader.Number<uint32_t>();
+  for (uint32_t i = 0; i < count && reader.bytes_left() > 0; ++i) {
+    message.grids.push_back(reader.Text());
+  }
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kRead, reader, "read request"));
+  if (message.grids.size() != count || !IsSaneBox(message.extent, false)) {
+    return Malformed("read request");
+  }
+  return message;
+}
+
+StatusOr<PictureRequest> DecodePictureRequest(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  PictureRequest message;
+  message.format = reader.Text();
+  message.width = reader.Number<int64_t>();
+  message.height = reader.Number<int64_t>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kPicture, reader, "picture request"));
+  return message;
+}
+
+StatusOr<FileInfo> DecodeFileInfo(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  FileInfo message;
+  message.file_bytes = reader.Number<int64_t>();
+  message.world_unit = Printable(reader.Text());
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kFile, reader, "file"));
+  if (message.file_bytes < 0) {
+    return Malformed("negative file size");
+  }
+  return message;
+}
+
+StatusOr<GridInfo> DecodeGridInfo(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  GridInfo message;
+  message.name = reader.Text();
+  message.type = Printable(reader.Text());
+  message.problem = Printable(reader.Text());
+  message.box = reader.Box();
+  bool is_finite = true;
+  for (double& element : message.index_to_world.m) {
+    element = reader.Number<double>();
+    is_finite = is_finite && std::isfinite(element);
+  }
+  message.declared_bytes = reader.Number<int64_t>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kGrid, reader, "grid"));
+  if (!IsSaneBox(message.box, true) || message.declared_bytes < 0) {
+    return Malformed("box or size of a grid");
+  }
+  const double determinant = message.index_to_world.Determinant();
+  if (!is_finite || !std::isfinite(determinant) || determinant == 0) {
+    return Malformed("transform of a grid");
+  }
+  return message;
+}
+
+StatusOr<FieldStart> DecodeFieldStart(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  FieldStart message;
+  message.index = reader.Number<uint32_t>();
+  message.background = reader.Number<float>();
+  message.fill = reader.Number<float>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kField, reader, "field"));
+  if (!std::isfinite(message.background) || !std::isfinite(message.fill)) {
+    return Malformed("background of a field");
+  }
+  return message;
+}
+
+StatusOr<FieldEnd> DecodeFieldEnd(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  FieldEnd message;
+  message.active = reader.Box();
+  message.rounded = reader.Number<uint64_t>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kFieldEnd, reader, "end of a field"));
+  if (!IsSaneBox(message.active, true)) {
+    return Malformed("box of a field");
+  }
+  return message;
+}
+
+StatusOr<Block> DecodeBlock(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  Block message;
+  message.box = reader.Box();
+  if (!IsSaneBox(message.box, false)) {
+    return Malformed("box of a block");
+  }
+  // Each size is at most 2^32: bounded one by one, their product cannot overflow.
+  const Int3 size = message.box.Size();
+  if (size.x > kMaxBlockValues || size.y > kMaxBlockValues / size.x ||
+      size.z > kMaxBlockValues / (size.x * size.y)) {
+    return Malformed("size of a block");
+  }
+  message.values = reader.Floats(size.Product());
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kBlock, reader, "block"));
+  return message;
+}
+
+StatusOr<Tile> DecodeTile(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  Tile message;
+  message.box = reader.Box();
+  message.value = reader.Number<float>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kTile, reader, "tile"));
+  if (!IsSaneBox(message.box, false)) {
+    return Malformed("box of a tile");
+  }
+  return message;
+}
+
+StatusOr<uint32_t> DecodeHello(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  const auto version = reader.Number<uint32_t>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kHello, reader, "greeting"));
+  return version;
+}
+
+Status DecodeError(const Frame& frame) {
+  PayloadReader reader(frame.payload);
+  const auto code = static_cast<absl::StatusCode>(reader.Number<uint32_t>());
+  const std::string text = Printable(reader.Text());
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kError, reader, "error"));
+  switch (code) {
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kNotFound:
+    case absl::StatusCode::kFailedPrecondition:
+    case absl::StatusCode::kResourceExhausted:
+    case absl::StatusCode::kDataLoss:
+    case absl::StatusCode::kUnavailable:
+      return MakeStatus(code, text);
+    default:
+      return Internal("{}", text);
+  }
+}
+
+std::string Printable(const std::string& text) {
+  constexpr size_t kMaxBytes = 1000;
+  std::string result;
+  for (size_t i = 0; i < text.size() && result.size() < kMaxBytes;) {
+    const size_t length = Utf8Length(text, i);
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const bool is_control =
+        length == 1 ? byte < 0x20 || byte == 0x7F
+                    : length == 2 && byte == 0xC2 && static_cast<unsigned char>(text[i + 1]) < 0xA0;
+    if (length == 0 || is_control) {
+      result += '?';
+    } else {
+      result.append(text, i, length);
+    }
+    i += length == 0 ? 1 : length;
+  }
+  return result;
+}
+
+}  // namespace fovea::ingest

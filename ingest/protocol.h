@@ -1,0 +1,132 @@
+#ifndef INGEST_PROTOCOL_H_
+#define INGEST_PROTOCOL_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/volume/geometry.h"
+#include "ingest/ingest.h"
+
+/// What the program and its worker say to each other (docs/formats/worker.md). Every message is one
+/// frame: kind, length, payload, little-endian. The program trusts nothing that comes back: the
+/// decoders here check every length, box and number, and fail with INTERNAL.
+namespace fovea::ingest {
+
+inline constexpr uint32_t kProtocolVersion = 1;
+inline constexpr uint32_t kMaxPayloadBytes = 8U << 20;
+/// Values in one block; a block of dense data never holds more.
+inline constexpr int64_t kMaxBlockValues = 1 << 20;
+
+enum class FrameKind : uint32_t {
+  kHello = 1,      // worker: protocol version
+  kScan = 2,       // program: what is in this file?
+  kRead = 3,       // program: the voxels of these grids
+  kPicture = 4,    // program: encode the pixels that follow
+  kBytes = 5,      // both ways: a piece of pixels or of an encoded picture
+  kFile = 6,       // worker: about a scanned file
+  kGrid = 7,       // worker: one grid of a scanned file
+  kField = 8,      // worker: the voxels of one grid follow
+  kBlock = 9,      // worker: a box of values
+  kTile = 10,      // worker: a box of one value
+  kFieldEnd = 11,  // worker: all voxels of the grid were sent
+  kEnd = 12,       // worker: the request is done
+  kError = 13,     // worker: the request failed
+};
+
+struct Frame {
+  FrameKind kind = FrameKind::kEnd;
+  std::string payload;
+};
+
+struct ScanRequest {
+  std::string path;
+  std::optional<RawFormat> raw;
+  bool from_voxels = false;  // do not believe the boxes in the metadata
+};
+
+struct ReadRequest {
+  std::string path;
+  std::optional<RawFormat> raw;
+  int64_t step_in_file = 0;        // raw
+  Box3 extent;                     // index space of the file: what to send
+  std::vector<std::string> grids;  // unique names, as GridInfo gives them; raw: one, empty
+};
+
+struct PictureRequest {
+  std::string format;  // "exr", "tif"
+  int64_t width = 0, height = 0;
+};
+
+struct FileInfo {
+  int64_t file_bytes = 0;
+  std::string world_unit;  // from the metadata; may be empty
+};
+
+/// A grid of a file. `name` is unique in the file: "density", or "density[1]" of several.
+struct GridInfo {
+  std::string name;
+  std::string type;     // float, double, int32, ..., vec3s
+  std::string problem;  // why it cannot be read as a scalar field; empty: it can
+  Box3 box;             // of the active voxels; empty if there are none
+  Matrix4 index_to_world;
+  int64_t declared_bytes = 0;  // in memory
+};
+
+struct FieldStart {
+  uint32_t index = 0;    // in ReadRequest::grids
+  float background = 0;  // stands in for NaN and infinity
+  float fill = 0;        // what every voxel is that no block or tile covers
+};
+
+struct FieldEnd {
+  Box3 active;           // the box of the active voxels, as found
+  uint64_t rounded = 0;  // values that float32 does not hold exactly
+};
+
+struct Block {
+  Box3 box;
+  std::vector<float> values;  // x fastest
+};
+
+struct Tile {
+  Box3 box;
+  float value = 0;
+};
+
+[[nodiscard]] Frame Encode(const ScanRequest& message);
+[[nodiscard]] Frame Encode(const ReadRequest& message);
+[[nodiscard]] Frame Encode(const PictureRequest& message);
+[[nodiscard]] Frame Encode(const FileInfo& message);
+[[nodiscard]] Frame Encode(const GridInfo& message);
+[[nodiscard]] Frame Encode(const FieldStart& message);
+[[nodiscard]] Frame Encode(const FieldEnd& message);
+[[nodiscard]] Frame EncodeBlock(const Box3& box, std::span<const float> values);
+[[nodiscard]] Frame Encode(const Tile& message);
+[[nodiscard]] Frame EncodeHello(uint32_t version);
+[[nodiscard]] Frame EncodeError(const Status& status);
+
+[[nodiscard]] StatusOr<ScanRequest> DecodeScanRequest(const Frame& frame);
+[[nodiscard]] StatusOr<ReadRequest> DecodeReadRequest(const Frame& frame);
+[[nodiscard]] StatusOr<PictureRequest> DecodePictureRequest(const Frame& frame);
+[[nodiscard]] StatusOr<FileInfo> DecodeFileInfo(const Frame& frame);
+[[nodiscard]] StatusOr<GridInfo> DecodeGridInfo(const Frame& frame);
+[[nodiscard]] StatusOr<FieldStart> DecodeFieldStart(const Frame& frame);
+[[nodiscard]] StatusOr<FieldEnd> DecodeFieldEnd(const Frame& frame);
+/// The values may be NaN or infinite.
+[[nodiscard]] StatusOr<Block> DecodeBlock(const Frame& frame);
+[[nodiscard]] StatusOr<Tile> DecodeTile(const Frame& frame);
+[[nodiscard]] StatusOr<uint32_t> DecodeHello(const Frame& frame);
+/// The error that an error frame carries; INTERNAL if it carries none.
+[[nodiscard]] Status DecodeError(const Frame& frame);
+
+/// Safe to print: control characters and what is not UTF-8 become '?', at most 1000 bytes are kept.
+[[nodiscard]] std::string Printable(const std::string& text);
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_PROTOCOL_H_

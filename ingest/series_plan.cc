@@ -1,0 +1,416 @@
+#include "ingest/series_plan.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include <absl/strings/str_join.h>
+
+namespace fovea::ingest {
+namespace {
+
+constexpr double kMatrixTolerance = 1e-6;
+
+std::string Show(const Vec3& v) {
+  return fmt::format("({:.9g}, {:.9g}, {:.9g})", v.x, v.y, v.z);
+}
+
+/// Corners as the files' users know them: both included.
+std::string Show(const Box3& box) {
+  return fmt::format("({}, {}, {}) to ({}, {}, {})", box.lo.x, box.lo.y, box.lo.z, box.hi.x - 1,
+                     box.hi.y - 1, box.hi.z - 1);
+}
+
+Vec3 Translation(const Matrix4& matrix) {
+  return matrix.TransformPoint({0, 0, 0});
+}
+
+/// What differs between two matrices beyond rounding, or nothing.
+std::string Difference(const Matrix4& a, const Matrix4& b) {
+  double scale = 0;
+  double reach = 0;
+  double linear = 0;
+  double shift = 0;
+  for (size_t i = 0; i < 12; ++i) {
+    const double difference = std::abs(a.m[i] - b.m[i]);
+    if (i % 4 == 3) {
+      reach = std::max(reach, std::abs(a.m[i]));
+      shift = std::max(shift, difference);
+    } else {
+      scale = std::max(scale, std::abs(a.m[i]));
+      linear = std::max(linear, difference);
+    }
+  }
+  if (linear > kMatrixTolerance * scale) {
+    const Vec3 sizes = a.Spacing() - b.Spacing();
+    const bool same_size = std::max({std::abs(sizes.x), std::abs(sizes.y), std::abs(sizes.z)}) <=
+                           kMatrixTolerance * scale;
+    return same_size ? "the directions of the axes differ"
+                     : fmt::format("voxel size {} and {}", Show(a.Spacing()), Show(b.Spacing()));
+  }
+  if (shift > kMatrixTolerance * std::max(scale, reach)) {
+    return fmt::format("origin {} and {}", Show(Translation(a)), Show(Translation(b)));
+  }
+  return {};
+}
+
+/// a * translate(offset).
+Matrix4 Moved(const Matrix4& a, const Vec3& offset) {
+  Matrix4 result = a;
+  const Vec3 origin = a.TransformPoint(offset);
+  result.m[3] = origin.x;
+  result.m[7] = origin.y;
+  result.m[11] = origin.z;
+  return result;
+}
+
+/// A grid in the first file where it has voxels: only there does its transform mean anything.
+struct Witness {
+  const ScannedFile* file = nullptr;
+  const GridInfo* grid = nullptr;
+};
+
+Witness FirstWithVoxels(const std::string& name, const std::vector<ScannedFile>& files) {
+  for (const ScannedFile& file : files) {
+    const GridInfo* grid = FindGrid(file, name);
+    if (grid != nullptr && grid->problem.empty() && !grid->box.IsEmpty()) {
+      return {&file, grid};
+    }
+  }
+  return {};
+}
+
+/// The grid whose transform the others must share: density, else the first that has voxels.
+Witness Reference(const GridChoice& choice, const std::vector<ScannedFile>& files) {
+  Witness first;
+  for (const ChosenGrid& chosen : choice.grids) {
+    const Witness witness = FirstWithVoxels(chosen.grid, files);
+    if (witness.grid != nullptr && chosen.field == "density") {
+      return witness;
+    }
+    if (first.grid == nullptr) {
+      first = witness;
+    }
+  }
+  return first;
+}
+
+Status DiffersError(const ScannedFile& file, const GridInfo& grid, const Witness& reference,
+                    const std::string& difference) {
+  return InvalidArgument(
+      "{}: grid '{}' does not lie as grid '{}' of '{}': {}; a dataset has one transform (choose "
+      "grids that share it with --grid, or resample)",
+      file.file.path, Printable(grid.name), Printable(reference.grid->name),
+      reference.file->file.path, difference);
+}
+
+class Planner {
+ public:
+  Planner(const IngestOptions& options, const std::vector<ScannedFile>& files,
+          const std::optional<ExistingStore>& existing)
+      : options_(options), files_(files), existing_(existing) {}
+
+  StatusOr<SeriesPlan> Run() {
+    FOVEA_RETURN_IF_ERROR(Choose());
+    FOVEA_RETURN_IF_ERROR(Align());
+    FOVEA_RETURN_IF_ERROR(FindExtent());
+    FOVEA_RETURN_IF_ERROR(Place());
+    FOVEA_RETURN_IF_ERROR(MakeSteps());
+    FOVEA_RETURN_IF_ERROR(SetTimes());
+    for (const ChosenGrid& chosen : choice_.grids) {
+      plan_.fields.push_back(chosen.field);
+    }
+    plan_.warnings.insert(plan_.warnings.begin(), choice_.warnings.begin(), choice_.warnings.end());
+    return std::move(plan_);
+  }
+
+ private:
+  Status Choose();
+  Status ChooseForAppend();
+  Status Align();
+  Status FindExtent();
+  Status CheckExtentSize(const Box3& extent) const;
+  Status Place();
+  Status MakeSteps();
+  Status MakeStep(const ScannedFile& file, int64_t step_in_file);
+  Status SetTimes();
+  void WarnOfEmptySteps();
+
+  const IngestOptions& options_;
+  const std::vector<ScannedFile>& files_;
+  const std::optional<ExistingStore>& existing_;
+  GridChoice choice_;
+  Witness reference_;
+  SeriesPlan plan_;
+  std::vector<int64_t> empty_steps_;  // by field
+};
+
+Status Planner::Choose() {
+  if (options_.raw) {
+    choice_.grids = {{"", options_.field}};
+    if (FieldNameOf(options_.field) != options_.field) {
+      return InvalidArgument("field name '{}': use letters, digits, '_', '.' and '-'",
+                             Printable(options_.field));
+    }
+  } else if (!existing_ || !options_.grids.empty()) {
+    FOVEA_ASSIGN_OR_RETURN(choice_, ChooseGrids(options_.grids, files_));
+  } else {
+    std::vector<std::string> wanted;
+    for (const store::FieldInfo& field : existing_->info.fields) {
+      wanted.push_back(field.name);
+    }
+    FOVEA_ASSIGN_OR_RETURN(choice_, ChooseGrids(wanted, files_));
+  }
+  if (existing_) {
+    FOVEA_RETURN_IF_ERROR(ChooseForAppend());
+  }
+  return absl::OkStatus();
+}
+
+/// The same fields as the store has, in its order.
+Status Planner::ChooseForAppend() {
+  std::vector<ChosenGrid> ordered;
+  std::vector<std::string> names;
+  for (const store::FieldInfo& field : existing_->info.fields) {
+    names.push_back(field.name);
+    for (const ChosenGrid& chosen : choice_.grids) {
+      if (chosen.field == field.name) {
+        ordered.push_back(chosen);
+      }
+    }
+  }
+  if (ordered.size() != names.size() || ordered.size() != choice_.grids.size()) {
+    return InvalidArgument("'{}' has the fields {}: a step that is added needs just these",
+                           options_.output, absl::StrJoin(names, ", "));
+  }
+  choice_.grids = std::move(ordered);
+  return absl::OkStatus();
+}
+
+/// All grids of all steps must share one transform. Where nothing was asked for, grids that lie
+/// otherwise from the start (such as those of a coarser simulation) are left out with a warning.
+Status Planner::Align() {
+  reference_ = Reference(choice_, files_);
+  if (reference_.grid == nullptr) {
+    if (existing_) {
+      return absl::OkStatus();  // steps of pure background
+    }
+    return InvalidArgument("no step of the series has a voxel in any grid that was chosen");
+  }
+  const bool may_leave_out = options_.grids.empty() && !options_.raw && !existing_;
+  std::vector<ChosenGrid> kept;
+  for (const ChosenGrid& chosen : choice_.grids) {
+    const Witness first = FirstWithVoxels(chosen.grid, files_);
+    const std::string difference =
+        first.grid == nullptr
+            ? std::string()
+            : Difference(reference_.grid->index_to_world, first.grid->index_to_world);
+    if (difference.empty() || !may_leave_out) {
+      kept.push_back(chosen);
+    } else {
+      choice_.warnings.push_back(fmt::format("grid '{}' is left out: it does not lie as '{}' ({})",
+                                             Printable(chosen.grid),
+                                             Printable(reference_.grid->name), difference));
+    }
+  }
+  choice_.grids = std::move(kept);
+  for (const ScannedFile& file : files_) {
+    for (const ChosenGrid& chosen : choice_.grids) {
+      const GridInfo* grid = FindGrid(file, chosen.grid);
+      if (grid == nullptr || !grid->problem.empty() || grid->box.IsEmpty()) {
+        continue;
+      }
+      const std::string difference =
+          Difference(reference_.grid->index_to_world, grid->index_to_world);
+      if (!difference.empty()) {
+        return DiffersError(file, *grid, reference_, difference);
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+Status Planner::FindExtent() {
+  Box3 extent;
+  if (existing_) {
+    const Int3& origin = existing_->info.origin;
+    const Int3& dims = existing_->info.hierarchy.dims();
+    extent = {origin, {origin.x + dims.x, origin.y + dims.y, origin.z + dims.z}};
+    if (options_.raw && extent != Box3::OfSize(options_.raw->dims)) {
+      return InvalidArgument("'{}' covers {}, not the {} x {} x {} voxels of the raw format",
+                             options_.output, Show(extent), options_.raw->dims.x,
+                             options_.raw->dims.y, options_.raw->dims.z);
+    }
+  }
+  for (const ScannedFile& file : files_) {
+    for (const ChosenGrid& chosen : choice_.grids) {
+      const GridInfo* grid = FindGrid(file, chosen.grid);
+      if (grid == nullptr || !grid->problem.empty()) {
+        continue;
+      }
+      plan_.declared_bytes = std::max(plan_.declared_bytes, grid->declared_bytes);
+      if (existing_) {
+        if (!extent.Contains(grid->box)) {
+          return InvalidArgument(
+              "{}: grid '{}' reaches from {}, outside the box of '{}', {}: a dataset keeps the "
+              "extent of its first steps; ingest the whole series anew",
+              file.file.path, Printable(grid->name), Show(grid->box), options_.output,
+              Show(extent));
+        }
+      } else {
+        extent = Union(extent, grid->box);
+        FOVEA_RETURN_IF_ERROR(
+            Annotate(CheckExtentSize(extent),
+                     fmt::format("{}: grid '{}'", file.file.path, Printable(grid->name))));
+      }
+    }
+    if (plan_.world_unit.empty()) {
+      plan_.world_unit = file.info.world_unit;
+    }
+  }
+  plan_.extent = extent;
+  return absl::OkStatus();
+}
+
+Status Planner::CheckExtentSize(const Box3& extent) const {
+  if (extent.Size().Max() > kMaxDimension) {
+    return InvalidArgument(
+        "with it the active voxels of the series reach from {}: over {} voxels on an axis; clip or "
+        "resample the grid",
+        Show(extent), kMaxDimension);
+  }
+  return absl::OkStatus();
+}
+
+/// The matrix from our voxel coordinates. OpenVDB's index is the centre of a voxel.
+Status Planner::Place() {
+  if (existing_ && reference_.grid == nullptr) {
+    plan_.index_to_world = existing_->info.index_to_world;
+    return absl::OkStatus();
+  }
+  const Int3& lo = plan_.extent.lo;
+  if (options_.raw) {
+    const Vec3& spacing = options_.spacing;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!std::isfinite(spacing[axis]) || spacing[axis] <= 0) {
+        return InvalidArgument("spacing {}: voxel sizes must be positive", Show(spacing));
+      }
+      plan_.index_to_world.m[static_cast<size_t>(5 * axis)] = spacing[axis];
+    }
+  } else {
+    plan_.index_to_world = Moved(reference_.grid->index_to_world,
+                                 {static_cast<double>(lo.x) - 0.5, static_cast<double>(lo.y) - 0.5,
+                                  static_cast<double>(lo.z) - 0.5});
+  }
+  if (existing_) {
+    const std::string difference = Difference(existing_->info.index_to_world, plan_.index_to_world);
+    if (!difference.empty()) {
+      return InvalidArgument("the new steps do not lie as those of '{}': {}", options_.output,
+                             difference);
+    }
+  }
+  return absl::OkStatus();
+}
+
+Status Planner::MakeSteps() {
+  empty_steps_.assign(choice_.grids.size(), 0);
+  const int64_t steps_per_file = options_.raw ? options_.raw->steps_per_file : 1;
+  for (const ScannedFile& file : files_) {
+    for (int64_t i = 0; i < steps_per_file; ++i) {
+      FOVEA_RETURN_IF_ERROR(MakeStep(file, i));
+    }
+  }
+  if (plan_.steps.empty()) {
+    return InvalidArgument("no file of the series has all of the wanted grids");
+  }
+  WarnOfEmptySteps();
+  return absl::OkStatus();
+}
+
+Status Planner::MakeStep(const ScannedFile& file, int64_t step_in_file) {
+  PlannedStep step;
+  const bool is_numbered = !options_.raw || options_.raw->steps_per_file == 1;
+  step.frame_number = is_numbered ? file.file.frame_number : std::nullopt;
+  std::vector<bool> is_empty;
+  for (size_t i = 0; i < choice_.grids.size(); ++i) {
+    const std::string& name = choice_.grids[i].grid;
+    const GridInfo* grid = FindGrid(file, name);
+    if (grid != nullptr && !grid->problem.empty()) {
+      return InvalidArgument("{}: grid '{}' cannot be read in this step: {}", file.file.path,
+                             Printable(name), grid->problem);
+    }
+    is_empty.push_back(grid != nullptr && grid->box.IsEmpty());
+    if (grid != nullptr) {
+      step.sources.push_back({file.file.path, grid->name, step_in_file});
+    } else if (options_.on_missing == OnMissing::kSkip) {
+      plan_.warnings.push_back(
+          fmt::format("'{}' is left out: it has no grid '{}'", file.file.path, Printable(name)));
+      return absl::OkStatus();
+    } else if (options_.on_missing == OnMissing::kHold && !plan_.steps.empty()) {
+      plan_.warnings.push_back(
+          fmt::format("'{}' has no grid '{}': that of the step before stands in", file.file.path,
+                      Printable(name)));
+      step.sources.push_back(plan_.steps.back().sources[i]);
+    } else {
+      return NotFound(
+          "{}: there is no grid '{}'{} (choose grids with --grid, or leave the step out with "
+          "--on-missing skip)",
+          file.file.path, Printable(name),
+          options_.on_missing == OnMissing::kHold ? ", and no step before it to hold" : "");
+    }
+  }
+  for (size_t i = 0; i < is_empty.size(); ++i) {
+    empty_steps_[i] += is_empty[i] ? 1 : 0;
+  }
+  plan_.steps.push_back(std::move(step));
+  return absl::OkStatus();
+}
+
+void Planner::WarnOfEmptySteps() {
+  for (size_t i = 0; i < choice_.grids.size(); ++i) {
+    if (empty_steps_[i] > 0) {
+      plan_.warnings.push_back(fmt::format("grid '{}' is empty (all background) in {} of {} steps",
+                                           Printable(choice_.grids[i].grid), empty_steps_[i],
+                                           plan_.steps.size()));
+    }
+  }
+}
+
+Status Planner::SetTimes() {
+  const double fps = options_.frames_per_second;
+  if (!std::isfinite(fps) || fps <= 0) {
+    return InvalidArgument("{} frames a second: must be positive", fps);
+  }
+  int64_t last = existing_ && existing_->info.committed_steps > 0
+                     ? existing_->last_time_ns
+                     : std::numeric_limits<int64_t>::min();
+  const int64_t first_index = existing_ ? existing_->info.committed_steps : 0;
+  for (size_t i = 0; i < plan_.steps.size(); ++i) {
+    PlannedStep& step = plan_.steps[i];
+    const int64_t number = step.frame_number.value_or(first_index + static_cast<int64_t>(i));
+    const double time_ns = static_cast<double>(number) / fps * 1e9;
+    if (std::abs(time_ns) > 9e18) {
+      return InvalidArgument("frame {} at {} frames a second is beyond the range of time", number,
+                             fps);
+    }
+    step.time_ns = std::llround(time_ns);
+    if (step.time_ns < last) {
+      return InvalidArgument(
+          "'{}' would be at {} s, before the last step of '{}' at {} s: steps are added in order",
+          step.sources.front().path, static_cast<double>(step.time_ns) * 1e-9, options_.output,
+          static_cast<double>(last) * 1e-9);
+    }
+    last = step.time_ns;
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<SeriesPlan> PlanSeries(const IngestOptions& options, const std::vector<ScannedFile>& files,
+                                const std::optional<ExistingStore>& existing) {
+  return Planner(options, files, existing).Run();
+}
+
+}  // namespace fovea::ingest

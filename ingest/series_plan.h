@@ -1,0 +1,55 @@
+#ifndef INGEST_SERIES_PLAN_H_
+#define INGEST_SERIES_PLAN_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/store/dataset.h"
+#include "engine/volume/geometry.h"
+#include "ingest/grid_choice.h"
+#include "ingest/ingest.h"
+
+namespace fovea::ingest {
+
+/// Where a field of a step is read from.
+struct FieldSource {
+  std::string path;
+  std::string grid;  // unique name in the file; raw: empty
+  int64_t step_in_file = 0;
+  friend bool operator==(const FieldSource&, const FieldSource&) = default;
+};
+
+struct PlannedStep {
+  int64_t time_ns = 0;
+  std::optional<int64_t> frame_number;
+  std::vector<FieldSource> sources;  // one for each field
+};
+
+/// What will be made of a series, known from its metadata alone.
+struct SeriesPlan {
+  std::vector<std::string> fields;
+  Box3 extent;             // in the files' index space
+  Matrix4 index_to_world;  // our voxel coordinates, from extent.lo, to the world
+  std::string world_unit;
+  std::vector<PlannedStep> steps;
+  int64_t declared_bytes = 0;  // the most that one grid needs in memory
+  std::vector<std::string> warnings;
+};
+
+/// The store that is appended to, and when its last step is.
+struct ExistingStore {
+  store::DatasetInfo info;
+  int64_t last_time_ns = 0;
+};
+
+/// Plans a series from its scanned files, in order. Errors name file and grid and what to do.
+[[nodiscard]] StatusOr<SeriesPlan> PlanSeries(const IngestOptions& options,
+                                              const std::vector<ScannedFile>& files,
+                                              const std::optional<ExistingStore>& existing);
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_SERIES_PLAN_H_

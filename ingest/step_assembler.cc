@@ -1,0 +1,171 @@
+#include "ingest/step_assembler.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "engine/volume/hierarchy.h"
+
+namespace fovea::ingest {
+namespace {
+
+Box3 BrickBox(const Int3& at, int64_t edge) {
+  return {{at.x * edge, at.y * edge, at.z * edge},
+          {(at.x + 1) * edge, (at.y + 1) * edge, (at.z + 1) * edge}};
+}
+
+/// A box of values, x fastest; no values: one constant everywhere.
+struct Source {
+  Box3 box;
+  const float* values = nullptr;
+  float constant = 0;
+
+  [[nodiscard]] const float* Row(int64_t x, int64_t y, int64_t z) const {
+    const Int3 size = box.Size();
+    return values + ((z - box.lo.z) * size.y + (y - box.lo.y)) * size.x + (x - box.lo.x);
+  }
+  [[nodiscard]] bool IsAll(float value, const Box3& part) const {
+    if (values == nullptr) {
+      return constant == value;
+    }
+    for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
+      for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
+        const float* row = Row(part.lo.x, y, z);
+        const float* end = row + (part.hi.x - part.lo.x);
+        if (std::any_of(row, end, [value](float v) { return v != value; })) {
+          return false;
+        }
+      }
+    }
+    return true;
+  }
+  /// Copies `part` into a brick whose first voxel is `origin`.
+  void CopyTo(const Box3& part, const Int3& origin, int64_t edge, float* brick) const {
+    const int64_t count = part.hi.x - part.lo.x;
+    for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
+      for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
+        float* to = brick + ((z - origin.z) * edge + (y - origin.y)) * edge + part.lo.x - origin.x;
+        if (values == nullptr) {
+          std::fill_n(to, count, constant);
+        } else {
+          std::copy_n(Row(part.lo.x, y, z), count, to);
+        }
+      }
+    }
+  }
+};
+
+}  // namespace
+
+Status StepAssembler::Consume(const Frame& reply) {
+  switch (reply.kind) {
+    case FrameKind::kField: {
+      FOVEA_ASSIGN_OR_RETURN(const FieldStart start, DecodeFieldStart(reply));
+      return Start(start);
+    }
+    case FrameKind::kBlock: {
+      FOVEA_ASSIGN_OR_RETURN(Block block, DecodeBlock(reply));
+      return AddBlock(std::move(block));
+    }
+    case FrameKind::kTile: {
+      FOVEA_ASSIGN_OR_RETURN(const Tile tile, DecodeTile(reply));
+      return AddTile(tile);
+    }
+    case FrameKind::kFieldEnd: {
+      FOVEA_ASSIGN_OR_RETURN(const FieldEnd end, DecodeFieldEnd(reply));
+      if (!in_field_) {
+        return Internal("malformed message: the end of a field that did not begin");
+      }
+      in_field_ = false;
+      fields_.back().active = end.active;
+      fields_.back().rounded = end.rounded;
+      return absl::OkStatus();
+    }
+    default:
+      return Internal("malformed message: kind {}", static_cast<uint32_t>(reply.kind));
+  }
+}
+
+StatusOr<std::vector<FieldVoxels>> StepAssembler::Finish() {
+  if (in_field_ || fields_.size() != expected_) {
+    return Internal("malformed message: {} of {} fields came", fields_.size(), expected_);
+  }
+  return std::move(fields_);
+}
+
+Status StepAssembler::Start(const FieldStart& start) {
+  if (in_field_ || fields_.size() >= expected_ || start.index != fields_.size()) {
+    return Internal("malformed message: field {} out of turn", start.index);
+  }
+  in_field_ = true;
+  background_ = start.background;
+  fields_.push_back({BrickGrid(extent_.Size(), edge_, 1, start.fill), {}, 0, 0});
+  return absl::OkStatus();
+}
+
+Status StepAssembler::AddBlock(Block block) {
+  FOVEA_ASSIGN_OR_RETURN(const Box3 box, Inside(block.box));
+  for (float& value : block.values) {
+    if (!std::isfinite(value)) {
+      value = background_;
+      ++fields_.back().nonfinite;
+    }
+  }
+  return Write(box, block.values.data(), 0);
+}
+
+Status StepAssembler::AddTile(const Tile& tile) {
+  FOVEA_ASSIGN_OR_RETURN(const Box3 box, Inside(tile.box));
+  if (std::isfinite(tile.value)) {
+    return Write(box, nullptr, tile.value);
+  }
+  fields_.back().nonfinite += static_cast<uint64_t>(box.Volume());
+  return Write(box, nullptr, background_);
+}
+
+StatusOr<Box3> StepAssembler::Inside(const Box3& box) const {
+  if (!in_field_ || !extent_.Contains(box)) {
+    return Internal("malformed message: voxels outside the extent, or of no field");
+  }
+  const Int3& origin = extent_.lo;
+  return Box3{{box.lo.x - origin.x, box.lo.y - origin.y, box.lo.z - origin.z},
+              {box.hi.x - origin.x, box.hi.y - origin.y, box.hi.z - origin.z}};
+}
+
+Status StepAssembler::Write(const Box3& box, const float* values, float constant) {
+  const Source source{box, values, constant};
+  BrickGrid& voxels = fields_.back().voxels;
+  if (values == nullptr && constant == voxels.background()) {
+    for (const auto& [position, brick] : voxels.bricks()) {
+      const Int3 at{position[2], position[1], position[0]};
+      const Box3 part = Intersect(box, BrickBox(at, edge_));
+      source.CopyTo(part, BrickBox(at, edge_).lo, edge_, voxels.Touch(at).data());
+    }
+    return absl::OkStatus();
+  }
+  const auto first = [this](int64_t at) { return at / edge_; };
+  Int3 at;
+  for (at.z = first(box.lo.z); at.z <= first(box.hi.z - 1); ++at.z) {
+    for (at.y = first(box.lo.y); at.y <= first(box.hi.y - 1); ++at.y) {
+      for (at.x = first(box.lo.x); at.x <= first(box.hi.x - 1); ++at.x) {
+        const Box3 brick = BrickBox(at, edge_);
+        const Box3 part = Intersect(box, brick);
+        if (voxels.Find(at) == nullptr) {
+          if (source.IsAll(voxels.background(), part)) {
+            continue;
+          }
+          bytes_left_ -= voxels.brick_values() * static_cast<int64_t>(sizeof(float));
+          if (bytes_left_ < 0) {
+            return ResourceExhausted(
+                "one time step needs more memory than a quarter of this machine's; give fewer "
+                "grids at a time, or a smaller volume");
+          }
+        }
+        source.CopyTo(part, brick.lo, edge_, voxels.Touch(at).data());
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace fovea::ingest

@@ -1,0 +1,52 @@
+#include "ingest/worker/limits.h"
+
+#include <sys/prctl.h>
+#include <sys/resource.h>
+
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+
+#include "engine/base/parallel.h"
+
+namespace fovea::ingest {
+namespace {
+
+constexpr rlim_t kMaxOpenFiles = 64;
+
+Status SetLimit(__rlimit_resource resource, const char* name, rlim_t soft, rlim_t hard) {
+  const rlimit limit{soft, hard};
+  if (::setrlimit(resource, &limit) != 0) {
+    return Internal("cannot set the limit {}: {}", name, std::strerror(errno));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+Status LimitProcess(int64_t memory_bytes) {
+  if (::prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0) != 0 ||
+      ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
+    return Internal("prctl: {}", std::strerror(errno));
+  }
+  FOVEA_RETURN_IF_ERROR(SetLimit(RLIMIT_CORE, "RLIMIT_CORE", 0, 0));
+  FOVEA_RETURN_IF_ERROR(SetLimit(RLIMIT_NOFILE, "RLIMIT_NOFILE", kMaxOpenFiles, kMaxOpenFiles));
+  if (memory_bytes > 0) {
+    const auto bytes = static_cast<rlim_t>(memory_bytes);
+    FOVEA_RETURN_IF_ERROR(SetLimit(RLIMIT_AS, "RLIMIT_AS", bytes, bytes));
+  }
+  return absl::OkStatus();
+}
+
+Status LimitProcessorTime(int64_t seconds) {
+  rusage used{};
+  rlimit limit{};
+  if (::getrusage(RUSAGE_SELF, &used) != 0 || ::getrlimit(RLIMIT_CPU, &limit) != 0) {
+    return Internal("getrusage: {}", std::strerror(errno));
+  }
+  const int64_t spent = used.ru_utime.tv_sec + used.ru_stime.tv_sec + 1;
+  const auto soft = static_cast<rlim_t>(spent + (seconds + 1) * HardwareThreads());
+  return SetLimit(RLIMIT_CPU, "RLIMIT_CPU", std::min(soft, limit.rlim_max), limit.rlim_max);
+}
+
+}  // namespace fovea::ingest

@@ -1,0 +1,20 @@
+#ifndef INGEST_WORKER_LIMITS_H_
+#define INGEST_WORKER_LIMITS_H_
+
+#include <cstdint>
+
+#include "engine/base/status.h"
+
+namespace fovea::ingest {
+
+/// Gives up, before any foreign byte is read, what a reader of files does not need: memory beyond
+/// `memory_bytes` of address space (0: no limit), core dumps, many open files, new privileges; and
+/// dies with the thread that started it.
+[[nodiscard]] Status LimitProcess(int64_t memory_bytes);
+
+/// Allows `seconds` more of processor time on each processor, counted from now.
+[[nodiscard]] Status LimitProcessorTime(int64_t seconds);
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_WORKER_LIMITS_H_

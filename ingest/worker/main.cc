@@ -1,0 +1,105 @@
+// fovea-worker: parses foreign files for the program that started it, and nothing else. It answers
+// requests on its standard input, a socket, until the other end closes (docs/formats/worker.md).
+// Nothing here is trusted by the program: a file that makes a parser crash takes only this down.
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+
+#include "ingest/channel.h"
+#include "ingest/protocol.h"
+#include "ingest/worker/limits.h"
+#include "ingest/worker/picture_encoder.h"
+#include "ingest/worker/raw_reader.h"
+#include "ingest/worker/vdb_reader.h"
+
+namespace fovea::ingest {
+namespace {
+
+struct Settings {
+  int64_t memory_bytes = 0;
+  int64_t seconds_per_file = 120;
+};
+
+Status Answer(const Frame& request, Channel* channel) {
+  switch (request.kind) {
+    case FrameKind::kScan: {
+      FOVEA_ASSIGN_OR_RETURN(const ScanRequest scan, DecodeScanRequest(request));
+      return scan.raw ? ScanRaw(scan, channel) : ScanVdb(scan, channel);
+    }
+    case FrameKind::kRead: {
+      FOVEA_ASSIGN_OR_RETURN(const ReadRequest read, DecodeReadRequest(request));
+      return read.raw ? ReadRaw(read, channel) : ReadVdb(read, channel);
+    }
+    case FrameKind::kPicture: {
+      FOVEA_ASSIGN_OR_RETURN(const PictureRequest picture, DecodePictureRequest(request));
+      return EncodePicture(picture, channel);
+    }
+    default:
+      return Internal("malformed message: not a request");
+  }
+}
+
+/// Answers requests until the other end closes.
+Status Serve(const Settings& settings, Channel* channel) {
+  FOVEA_RETURN_IF_ERROR(channel->Send(EncodeHello(kProtocolVersion), Channel::kNoDeadline));
+  while (true) {
+    FOVEA_RETURN_IF_ERROR(channel->Flush(Channel::kNoDeadline));
+    const auto request = channel->Receive(Channel::kNoDeadline);
+    if (absl::IsUnavailable(request.status())) {
+      return absl::OkStatus();
+    }
+    FOVEA_RETURN_IF_ERROR(request.status());
+    FOVEA_RETURN_IF_ERROR(LimitProcessorTime(settings.seconds_per_file));
+    const Status answer = Answer(*request, channel);
+    const Frame last = answer.ok() ? Frame{FrameKind::kEnd, ""} : EncodeError(answer);
+    FOVEA_RETURN_IF_ERROR(channel->Send(last, Channel::kNoDeadline));
+  }
+}
+
+bool ParseSettings(int argc, char** argv, Settings* settings) {
+  for (int i = 1; i < argc; i += 2) {
+    const std::string name = argv[i];
+    if (i + 1 == argc) {
+      return false;
+    }
+    const int64_t value = std::atoll(argv[i + 1]);  // the program wrote it
+    if (name == "--memory-bytes") {
+      settings->memory_bytes = value;
+    } else if (name == "--seconds-per-file") {
+      settings->seconds_per_file = value;
+    } else {
+      return false;
+    }
+  }
+  return true;
+}
+
+int Main(int argc, char** argv) {
+  Settings settings;
+  struct stat input {};
+  if (!ParseSettings(argc, argv, &settings) || ::fstat(STDIN_FILENO, &input) != 0 ||
+      !S_ISSOCK(input.st_mode)) {
+    std::fprintf(stderr, "fovea-worker reads files for fovea, which starts it by itself\n");
+    return 2;
+  }
+  Channel channel(STDIN_FILENO);
+  Status status = LimitProcess(settings.memory_bytes);
+  if (status.ok()) {
+    status = Serve(settings, &channel);
+  }
+  if (!status.ok()) {
+    std::fprintf(stderr, "fovea-worker: %s\n", std::string(MessageOf(status)).c_str());
+  }
+  return status.ok() ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace fovea::ingest
+
+int main(int argc, char** argv) {
+  return fovea::ingest::Main(argc, argv);
+}

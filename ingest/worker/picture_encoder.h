@@ -1,0 +1,16 @@
+#ifndef INGEST_WORKER_PICTURE_ENCODER_H_
+#define INGEST_WORKER_PICTURE_ENCODER_H_
+
+#include "engine/base/status.h"
+#include "ingest/channel.h"
+#include "ingest/protocol.h"
+
+namespace fovea::ingest {
+
+/// Receives the pixels that follow `request`, encodes them through the picture module (loaded at
+/// the first picture) and sends the bytes of the file.
+[[nodiscard]] Status EncodePicture(const PictureRequest& request, Channel* channel);
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_WORKER_PICTURE_ENCODER_H_

@@ -1,0 +1,238 @@
+#include "ingest/worker/vdb_sender.h"
+
+#include <array>
+#include <cmath>
+#include <map>
+#include <span>
+#include <type_traits>
+#include <vector>
+
+#include "ingest/protocol.h"
+#include "ingest/worker/to_float.h"
+
+namespace fovea::ingest {
+namespace {
+
+using openvdb::Coord;
+using openvdb::CoordBBox;
+
+/// Goes through all of a tree inside a box: every tile and leaf, active or not, each once. Boxes
+/// are clipped.
+template <typename TreeT>
+class TreeWalk {
+ public:
+  using LeafT = typename TreeT::LeafNodeType;
+  using TopT = typename TreeT::RootNodeType::ChildNodeType;
+  static constexpr bool kIsMask = std::is_same_v<typename TreeT::BuildType, openvdb::ValueMask>;
+
+  /// `visitor` has Tile(box, value) and Leaf(leaf, box), which return a Status.
+  template <typename Visitor>
+  static Status Run(const TreeT& tree, const CoordBBox& clip, Visitor* visitor) {
+    // 64 bits: the last cell may end beyond 2^31.
+    const int64_t step = TopT::DIM;
+    const Coord first = clip.min() & ~static_cast<int32_t>(TopT::DIM - 1);
+    for (int64_t z = first.z(); z <= clip.max().z(); z += step) {
+      for (int64_t y = first.y(); y <= clip.max().y(); y += step) {
+        for (int64_t x = first.x(); x <= clip.max().x(); x += step) {
+          const Coord at(static_cast<int32_t>(x), static_cast<int32_t>(y), static_cast<int32_t>(z));
+          FOVEA_RETURN_IF_ERROR(VisitTop(tree, at, clip, visitor));
+        }
+      }
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  static CoordBBox Clip(const Coord& origin, int64_t dim, const CoordBBox& clip) {
+    CoordBBox box = CoordBBox::createCube(origin, static_cast<Coord::ValueType>(dim));
+    box.intersect(clip);
+    return box;
+  }
+
+  template <typename Visitor>
+  static Status VisitTop(const TreeT& tree, const Coord& at, const CoordBBox& clip,
+                         Visitor* visitor) {
+    if (const TopT* node = tree.template probeConstNode<TopT>(at)) {
+      return VisitNode(*node, clip, visitor);
+    }
+    return visitor->Tile(Clip(at, TopT::DIM, clip),
+                         kIsMask ? tree.isValueOn(at) : tree.getValue(at));
+  }
+
+  template <typename NodeT, typename Visitor>
+  static Status VisitNode(const NodeT& node, const CoordBBox& clip, Visitor* visitor) {
+    for (openvdb::Index i = 0; i < NodeT::NUM_VALUES; ++i) {
+      const CoordBBox box = Clip(node.offsetToGlobalCoord(i), NodeT::ChildNodeType::DIM, clip);
+      if (box.empty()) {
+        continue;
+      }
+      if (!node.isChildMaskOn(i)) {
+        FOVEA_RETURN_IF_ERROR(
+            visitor->Tile(box, kIsMask ? node.isValueMaskOn(i) : node.getTable()[i].getValue()));
+      } else if constexpr (NodeT::ChildNodeType::LEVEL == 0) {
+        FOVEA_RETURN_IF_ERROR(visitor->Leaf(*node.getTable()[i].getChild(), box));
+      } else {
+        FOVEA_RETURN_IF_ERROR(VisitNode(*node.getTable()[i].getChild(), clip, visitor));
+      }
+    }
+    return absl::OkStatus();
+  }
+};
+
+/// The values of a leaf inside a box, x fastest; all the same: one value.
+template <typename LeafT>
+class LeafValues {
+ public:
+  std::span<const float> Read(const LeafT& leaf, const CoordBBox& box, uint64_t* rounded) {
+    size_t count = 0;
+    Coord at;
+    for (at.z() = box.min().z(); at.z() <= box.max().z(); ++at.z()) {
+      for (at.y() = box.min().y(); at.y() <= box.max().y(); ++at.y()) {
+        for (at.x() = box.min().x(); at.x() <= box.max().x(); ++at.x()) {
+          values_[count++] = ToFloat(leaf.getValue(LeafT::coordToOffset(at)), rounded);
+        }
+      }
+    }
+    return {values_.data(), count};
+  }
+
+  static bool IsConstant(std::span<const float> values) {
+    for (const float value : values) {
+      if (!(value == values.front())) {  // NaN counts as different
+        return false;
+      }
+    }
+    return true;
+  }
+
+ private:
+  std::array<float, LeafT::NUM_VALUES> values_;
+};
+
+/// How much of the extent each value fills in whole tiles and leaves.
+template <typename LeafT>
+class FillVote {
+ public:
+  explicit FillVote(float background) : background_(background) {}
+
+  template <typename T>
+  Status Tile(const CoordBBox& box, T value) {
+    uint64_t rounded = 0;
+    Count(ToFloat(value, &rounded), box);
+    return absl::OkStatus();
+  }
+  Status Leaf(const LeafT& leaf, const CoordBBox& box) {
+    uint64_t rounded = 0;
+    const auto values = values_.Read(leaf, box, &rounded);
+    if (LeafValues<LeafT>::IsConstant(values)) {
+      Count(values.front(), box);
+    }
+    return absl::OkStatus();
+  }
+  /// The winner; the background where nothing fills more.
+  [[nodiscard]] float Winner() const {
+    float winner = background_;
+    double most = 0;
+    for (const auto& [value, volume] : volumes_) {
+      if (volume > most) {
+        most = volume;
+        winner = value;
+      }
+    }
+    return winner;
+  }
+
+ private:
+  void Count(float value, const CoordBBox& box) {
+    constexpr size_t kMaxValues = 256;  // more candidates than a sensible grid has
+    if (std::isfinite(value) && (volumes_.contains(value) || volumes_.size() < kMaxValues)) {
+      volumes_[value] += static_cast<double>(box.volume());
+    }
+  }
+
+  float background_;
+  std::map<float, double> volumes_;
+  LeafValues<LeafT> values_;
+};
+
+/// Sends all that differs from the fill.
+template <typename LeafT>
+class Sender {
+ public:
+  Sender(float fill, Channel* channel) : fill_(fill), channel_(channel) {}
+
+  template <typename T>
+  Status Tile(const CoordBBox& box, T value) {
+    uint64_t inexact = 0;
+    const float converted = ToFloat(value, &inexact);
+    rounded_ += inexact * box.volume();
+    return SendConstant(box, converted);
+  }
+  Status Leaf(const LeafT& leaf, const CoordBBox& box) {
+    const auto values = values_.Read(leaf, box, &rounded_);
+    if (LeafValues<LeafT>::IsConstant(values)) {
+      return SendConstant(box, values.front());
+    }
+    return channel_->Send(EncodeBlock(ToBox(box), values), Channel::kNoDeadline);
+  }
+  [[nodiscard]] uint64_t rounded() const { return rounded_; }
+
+ private:
+  Status SendConstant(const CoordBBox& box, float value) {
+    if (value == fill_) {
+      return absl::OkStatus();
+    }
+    return channel_->Send(Encode(fovea::ingest::Tile{ToBox(box), value}), Channel::kNoDeadline);
+  }
+
+  float fill_;
+  Channel* channel_;
+  uint64_t rounded_ = 0;
+  LeafValues<LeafT> values_;
+};
+
+template <typename GridT>
+Status SendAs(const GridT& grid, uint32_t index, const Box3& extent, Channel* channel) {
+  using TreeT = typename GridT::TreeType;
+  using LeafT = typename TreeT::LeafNodeType;
+  const auto coordinate = [](int64_t value) { return static_cast<int32_t>(value); };
+  const CoordBBox clip(
+      Coord(coordinate(extent.lo.x), coordinate(extent.lo.y), coordinate(extent.lo.z)),
+      Coord(coordinate(extent.hi.x - 1), coordinate(extent.hi.y - 1), coordinate(extent.hi.z - 1)));
+  uint64_t ignored = 0;
+  FieldStart start{index, ToFloat(grid.background(), &ignored), 0};
+  start.background = std::isfinite(start.background) ? start.background : 0.0F;
+  FillVote<LeafT> vote(start.background);
+  FOVEA_RETURN_IF_ERROR(TreeWalk<TreeT>::Run(grid.tree(), clip, &vote));
+  start.fill = vote.Winner();
+  FOVEA_RETURN_IF_ERROR(channel->Send(Encode(start), Channel::kNoDeadline));
+  Sender<LeafT> sender(start.fill, channel);
+  FOVEA_RETURN_IF_ERROR(TreeWalk<TreeT>::Run(grid.tree(), clip, &sender));
+  const CoordBBox active = grid.evalActiveVoxelBoundingBox();
+  return channel->Send(Encode(FieldEnd{active.empty() ? Box3{} : ToBox(active), sender.rounded()}),
+                       Channel::kNoDeadline);
+}
+
+}  // namespace
+
+Box3 ToBox(const CoordBBox& box) {
+  return {{box.min().x(), box.min().y(), box.min().z()},
+          {int64_t{box.max().x()} + 1, int64_t{box.max().y()} + 1, int64_t{box.max().z()} + 1}};
+}
+
+bool IsScalar(const openvdb::GridBase& grid) {
+  return grid.isType<openvdb::FloatGrid>() || grid.isType<openvdb::DoubleGrid>() ||
+         grid.isType<openvdb::Int32Grid>() || grid.isType<openvdb::Int64Grid>() ||
+         grid.isType<openvdb::BoolGrid>() || grid.isType<openvdb::MaskGrid>();
+}
+
+Status SendGrid(const openvdb::GridBase& grid, uint32_t index, const Box3& extent,
+                Channel* channel) {
+  Status status = InvalidArgument("type {} is not a scalar", grid.valueType());
+  grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid,
+                               openvdb::Int64Grid, openvdb::BoolGrid, openvdb::MaskGrid>>(
+      [&](const auto& typed) { status = SendAs(typed, index, extent, channel); });
+  return status;
+}
+
+}  // namespace fovea::ingest

@@ -1,0 +1,241 @@
+#include "ingest/worker_client.h"
+
+#include <fcntl.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+#include <poll.h>
+#include <spawn.h>
+
+#include "ingest/program_path.h"
+
+namespace fovea::ingest {
+namespace {
+
+constexpr int64_t kBaseMemoryBytes = 512 << 20;
+constexpr int kReapMs = 2000;
+constexpr size_t kAttachmentPieceBytes = 1 << 20;
+
+double SecondsPerFile(const WorkerLimits& limits) {
+  return std::clamp(limits.seconds_per_file, 0.0, 1e7);
+}
+
+int64_t MachineMemoryBytes() {
+  const int64_t pages = ::sysconf(_SC_PHYS_PAGES);
+  const int64_t page_bytes = ::sysconf(_SC_PAGE_SIZE);
+  return pages > 0 && page_bytes > 0 ? pages * page_bytes : int64_t{4} << 30;
+}
+
+/// Starts `program` with `socket` as its standard input, nothing else inherited, in a process group
+/// of its own (Ctrl-C is for us: we stop between steps), with signals as a fresh process has them.
+StatusOr<pid_t> Spawn(const std::string& program, const std::vector<std::string>& arguments,
+                      int socket) {
+  posix_spawn_file_actions_t actions;
+  posix_spawnattr_t attributes;
+  ::posix_spawn_file_actions_init(&actions);
+  ::posix_spawnattr_init(&attributes);
+  ::posix_spawn_file_actions_adddup2(&actions, socket, STDIN_FILENO);
+  ::posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+#ifndef FOVEA_SANITIZED  // a sanitizer's report must reach somebody
+  ::posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+#endif
+  ::posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+  sigset_t none;
+  sigset_t all;
+  ::sigemptyset(&none);
+  ::sigfillset(&all);
+  ::posix_spawnattr_setsigmask(&attributes, &none);
+  ::posix_spawnattr_setsigdefault(&attributes, &all);
+  ::posix_spawnattr_setpgroup(&attributes, 0);
+  ::posix_spawnattr_setflags(
+      &attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
+
+  std::vector<std::string> texts{program};
+  texts.insert(texts.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& text : texts) {
+    argv.push_back(text.data());
+  }
+  argv.push_back(nullptr);
+  pid_t pid = 0;
+  const int error =
+      ::posix_spawn(&pid, program.c_str(), &actions, &attributes, argv.data(), environ);
+  ::posix_spawn_file_actions_destroy(&actions);
+  ::posix_spawnattr_destroy(&attributes);
+  if (error != 0) {
+    return Unavailable("cannot start '{}': {}", program, std::strerror(error));
+  }
+  return pid;
+}
+
+/// Waits a moment for `pid` to end by itself, so that its own exit status is seen, then kills it.
+int Reap(pid_t pid) {
+  const int handle = static_cast<int>(::syscall(SYS_pidfd_open, pid, 0));
+  if (handle >= 0) {
+    pollfd entry{handle, POLLIN, 0};
+    while (::poll(&entry, 1, kReapMs) < 0 && errno == EINTR) {
+    }
+    ::close(handle);
+  }
+  ::kill(pid, SIGKILL);
+  int status = 0;
+  while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+  }
+  return status;
+}
+
+}  // namespace
+
+int64_t WorkerMemoryBytes(const WorkerOptions& options) {
+#ifdef FOVEA_SANITIZED
+  static_cast<void>(options);
+  return 0;
+#else
+  if (options.limits.memory_bytes) {
+    return *options.limits.memory_bytes;
+  }
+  const int64_t machine = std::max(MachineMemoryBytes(), kBaseMemoryBytes);
+  const int64_t declared = std::clamp<int64_t>(options.declared_bytes, 0, machine);
+  return std::min(machine, kBaseMemoryBytes + 3 * declared);
+#endif
+}
+
+Status WorkerClient::Start(Channel::Deadline deadline) {
+  std::string program = options_.program;
+  if (program.empty()) {
+    FOVEA_ASSIGN_OR_RETURN(program, FindProgram("fovea-worker"));
+  }
+  int sockets[2] = {-1, -1};
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets) != 0) {
+    return Unavailable("cannot make a socket pair: {}", std::strerror(errno));
+  }
+  channel_ = std::make_unique<Channel>(sockets[0]);
+  const auto pid =
+      Spawn(program,
+            {"--memory-bytes", std::to_string(WorkerMemoryBytes(options_)), "--seconds-per-file",
+             std::to_string(static_cast<int64_t>(std::ceil(SecondsPerFile(options_.limits))))},
+            sockets[1]);
+  ::close(sockets[1]);
+  FOVEA_RETURN_IF_ERROR(pid.status());
+  {
+    const std::lock_guard lock(pid_mutex_);
+    pid_ = *pid;
+  }
+  FOVEA_ASSIGN_OR_RETURN(const Frame hello, channel_->Receive(deadline));
+  FOVEA_ASSIGN_OR_RETURN(const uint32_t version, DecodeHello(hello));
+  if (version != kProtocolVersion) {
+    return FailedPrecondition("'{}' is of another version: it speaks protocol {}, not {}", program,
+                              version, kProtocolVersion);
+  }
+  return absl::OkStatus();
+}
+
+Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
+                              const std::function<Status(const Frame&)>& on_reply,
+                              Channel::Deadline deadline, bool* is_clean) {
+  ForgetIfDead();
+  if (channel_ == nullptr) {
+    FOVEA_RETURN_IF_ERROR(Start(deadline));
+  }
+  FOVEA_RETURN_IF_ERROR(channel_->Send(request, deadline));
+  for (size_t begin = 0; begin < attachment.size(); begin += kAttachmentPieceBytes) {
+    const Frame piece{FrameKind::kBytes,
+                      std::string(attachment.substr(begin, kAttachmentPieceBytes))};
+    FOVEA_RETURN_IF_ERROR(channel_->Send(piece, deadline));
+  }
+  FOVEA_RETURN_IF_ERROR(channel_->Flush(deadline));
+  while (true) {
+    FOVEA_ASSIGN_OR_RETURN(const Frame reply, channel_->Receive(deadline));
+    if (reply.kind == FrameKind::kError || reply.kind == FrameKind::kEnd) {
+      *is_clean = true;
+      return reply.kind == FrameKind::kEnd ? absl::OkStatus() : DecodeError(reply);
+    }
+    FOVEA_RETURN_IF_ERROR(on_reply(reply));
+    if (std::chrono::steady_clock::now() > deadline) {  // a worker that never stops talking
+      return DeadlineExceeded("no end in time");
+    }
+  }
+}
+
+Status WorkerClient::Call(const std::string& about, const Frame& request,
+                          std::string_view attachment,
+                          const std::function<Status(const Frame&)>& on_reply) {
+  const double seconds = SecondsPerFile(options_.limits);
+  const auto deadline = std::chrono::steady_clock::now() +
+                        std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+                            std::chrono::duration<double>(seconds));
+  bool is_clean = false;
+  Status status = Exchange(request, attachment, on_reply, deadline, &is_clean);
+  if (is_clean) {
+    return Annotate(status, about);
+  }
+  if (absl::IsUnavailable(status) && pid() != 0) {
+    status = DescribeDeath();
+  } else if (absl::IsDeadlineExceeded(status)) {
+    status = DeadlineExceeded(
+        "reading it took longer than {} seconds and was stopped; the file may be damaged (allow "
+        "more "
+        "with --worker-seconds)",
+        options_.limits.seconds_per_file);
+  }
+  Stop();
+  return Annotate(status, about);
+}
+
+Status WorkerClient::DescribeDeath() {
+  channel_.reset();
+  const int status = Reap(TakePid());
+  if (WIFSIGNALED(status)) {
+    const int signal = WTERMSIG(status);
+    return DataLoss("the worker that reads it died of signal {} ({}); the file is probably damaged",
+                    signal, ::sigdescr_np(signal) == nullptr ? "unknown" : ::sigdescr_np(signal));
+  }
+  return DataLoss(
+      "the worker that reads it ended early, with exit status {}; the file is probably damaged",
+      WEXITSTATUS(status));
+}
+
+void WorkerClient::ForgetIfDead() {
+  int status = 0;
+  if (pid() != 0 && ::waitpid(pid(), &status, WNOHANG) != 0) {
+    TakePid();
+    channel_.reset();
+  }
+}
+
+void WorkerClient::Stop() {
+  channel_.reset();
+  Interrupt();
+  if (const pid_t pid = TakePid(); pid != 0) {
+    Reap(pid);
+  }
+}
+
+void WorkerClient::Interrupt() {
+  const std::lock_guard lock(pid_mutex_);
+  if (pid_ != 0) {
+    ::kill(pid_, SIGKILL);
+  }
+}
+
+pid_t WorkerClient::pid() const {
+  const std::lock_guard lock(pid_mutex_);
+  return pid_;
+}
+
+pid_t WorkerClient::TakePid() {
+  const std::lock_guard lock(pid_mutex_);
+  return std::exchange(pid_, 0);
+}
+
+}  // namespace fovea::ingest

@@ -1,0 +1,73 @@
+#ifndef INGEST_WORKER_CLIENT_H_
+#define INGEST_WORKER_CLIENT_H_
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "engine/base/status.h"
+#include "ingest/channel.h"
+#include "ingest/ingest.h"
+#include "ingest/protocol.h"
+
+namespace fovea::ingest {
+
+struct WorkerOptions {
+  WorkerLimits limits;
+  /// The most bytes that one grid or file declares to need in memory.
+  int64_t declared_bytes = 0;
+  std::string program;  // empty: fovea-worker, where FindProgram finds it
+};
+
+/// The memory limit of a worker: as asked for, else 512 MB + 3 x the declared bytes, at most what
+/// the machine has. 0: no limit (programs built with sanitizers reserve far more than they use).
+[[nodiscard]] int64_t WorkerMemoryBytes(const WorkerOptions& options);
+
+/// A worker process, started at the first call and again after it died. One thread at a time; the
+/// process goes with the thread that started it, and with the client.
+class WorkerClient {
+ public:
+  explicit WorkerClient(WorkerOptions options) : options_(std::move(options)) {}
+  ~WorkerClient() { Stop(); }
+  WorkerClient(const WorkerClient&) = delete;
+  WorkerClient& operator=(const WorkerClient&) = delete;
+
+  /// Sends `request`, with `attachment` in pieces behind it, and gives each reply to `on_reply`, up
+  /// to the end of the answer. Every error begins with `about`, the file in question: what the
+  /// worker says; DATA_LOSS with the signal if it died; DEADLINE_EXCEEDED if it took longer than
+  /// its time, after which it is killed; what `on_reply` returns, after which it is stopped;
+  /// INTERNAL if it speaks nonsense.
+  [[nodiscard]] Status Call(const std::string& about, const Frame& request,
+                            std::string_view attachment,
+                            const std::function<Status(const Frame&)>& on_reply);
+
+  /// From any thread: kills the worker, so that the call in hand ends with an error.
+  void Interrupt();
+  /// The process, or 0.
+  [[nodiscard]] pid_t pid() const;
+
+ private:
+  [[nodiscard]] Status Start(Channel::Deadline deadline);
+  [[nodiscard]] Status Exchange(const Frame& request, std::string_view attachment,
+                                const std::function<Status(const Frame&)>& on_reply,
+                                Channel::Deadline deadline, bool* is_clean);
+  [[nodiscard]] Status DescribeDeath();
+  void ForgetIfDead();
+  void Stop();
+  pid_t TakePid();
+
+  WorkerOptions options_;
+  std::unique_ptr<Channel> channel_;
+  mutable std::mutex pid_mutex_;
+  pid_t pid_ = 0;  // guarded by pid_mutex_
+};
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_WORKER_CLIENT_H_
