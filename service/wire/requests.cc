@@ -10,13 +10,6 @@ namespace {
 
 constexpr std::string_view kPageTokenPrefix = "after:";
 
-Status CheckDatasetName(const std::string& name) {
-  if (name.empty()) {
-    return BadField("dataset", "is empty; ListDatasets says which there are");
-  }
-  return absl::OkStatus();
-}
-
 bool IsStreamIdCharacter(char c) {
   return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' ||
          c == '-';
@@ -40,6 +33,13 @@ Status CheckPacing(const v1::RenderSequenceRequest& proto) {
 }
 
 }  // namespace
+
+Status CheckDatasetName(const std::string& name) {
+  if (name.empty()) {
+    return BadField("dataset", "is empty; ListDatasets says which there are");
+  }
+  return absl::OkStatus();
+}
 
 StatusOr<FrameRequest> FromProto(const v1::RenderFrameRequest& proto) {
   FOVEA_RETURN_IF_ERROR(CheckDatasetName(proto.dataset()));

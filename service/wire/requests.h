@@ -45,6 +45,9 @@ struct ListRequest {
 [[nodiscard]] StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto);
 [[nodiscard]] StatusOr<ListRequest> FromProto(const v1::ListDatasetsRequest& proto);
 
+/// The part of FromProto that every request with a dataset shares; GetDataset has nothing else.
+[[nodiscard]] Status CheckDatasetName(const std::string& name);
+
 /// The page_token that continues after the dataset `name`.
 [[nodiscard]] std::string PageTokenAfter(const std::string& name);
 

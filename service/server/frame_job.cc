@@ -1,0 +1,78 @@
+#include "service/server/frame_job.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "engine/fovea/retained_set.h"
+#include "service/frames/frames.h"
+#include "service/wire/convert.h"
+#include "service/wire/requests.h"
+#include "service/wire/status.h"
+
+namespace fovea::server {
+namespace {
+
+/// Memory per pixel while a frame is made: the picture as floats, its sheared and smoothed forms,
+/// and its bytes. Per coefficient: the coefficients and the super-voxels made of them.
+constexpr int64_t kBytesPerPixel = 64;
+constexpr int64_t kBytesPerCoefficient = 12;
+/// No compressed picture is larger than this per pixel.
+constexpr int64_t kCompressedBytesPerPixel = 4;
+/// Spec, statistics, bookkeeping.
+constexpr int64_t kReplyOverheadBytes = int64_t{256} << 10;
+
+Status CheckCost(int64_t pixels, int64_t coefficients, const frames::FrameSpec& spec) {
+  if (pixels > kMaxPixelsPerFrame) {
+    return ResourceExhausted(
+        "width_px {} x height_px {} is {} pixels; this server's limit is {} a frame",
+        *spec.width_px, *spec.height_px, pixels, kMaxPixelsPerFrame);
+  }
+  if (coefficients > kMaxCoefficientsPerFrame) {
+    return ResourceExhausted(
+        "rate {} keeps {} coefficients; this server's limit is {} a frame; ask for a smaller rate",
+        *spec.rate, coefficients, kMaxCoefficientsPerFrame);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset,
+                                const frames::FrameSpec& spec) {
+  FrameJob job;
+  FOVEA_ASSIGN_OR_RETURN(job.dataset, catalogue.Find(dataset));
+  store::Dataset& store = job.dataset->dataset();
+  const store::DatasetInfo info = store.info();
+  FOVEA_RETURN_IF_ERROR(wire::CheckStep(dataset, 0, info.committed_steps));
+  FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, job.dataset->DefaultSpec());
+  auto resolved = frames::ResolveSpec(store, spec, defaults);
+  FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(resolved.status(), "spec"));
+  job.spec = *std::move(resolved);
+
+  const auto retained =
+      RetainedSet::Make(info.hierarchy, Fovea{job.spec.fovea->at, *job.spec.rate});
+  FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(retained.status(), "spec"));
+  const int64_t coefficients = retained->CoefficientCount();
+  const int64_t pixels = *job.spec.width_px * *job.spec.height_px;
+  FOVEA_RETURN_IF_ERROR(CheckCost(pixels, coefficients, job.spec));
+  job.render_bytes = kBytesPerPixel * pixels + kBytesPerCoefficient * coefficients;
+  const int64_t pixel_bytes =
+      std::max(kCompressedBytesPerPixel, wire::RawPixelBytes(job.spec.encoding));
+  job.reply_bytes = pixel_bytes * pixels + kReplyOverheadBytes;
+  return job;
+}
+
+StatusOr<v1::Frame> RenderJob(const FrameJob& job, int64_t step, uint64_t index, int threads) {
+  FOVEA_ASSIGN_OR_RETURN(
+      frames::Frame frame,
+      frames::RenderFrame(job.dataset->dataset(), job.dataset->name(), step, job.spec, threads));
+  frame.index = index;
+  if (static_cast<int64_t>(frame.pixels.size()) > wire::kMaxFrameBytes) {
+    return ResourceExhausted(
+        "the encoded frame has {} bytes, above the {} that a frame may have; ask for fewer pixels",
+        frame.pixels.size(), wire::kMaxFrameBytes);
+  }
+  return wire::ToProto(std::move(frame));
+}
+
+}  // namespace fovea::server

@@ -1,0 +1,136 @@
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdio>
+#include <string>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <signal.h>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include "engine/base/status.h"
+#include "service/server/server.h"
+
+namespace fovea::server {
+namespace {
+
+constexpr int kExitFailed = 1;
+constexpr int kExitUsage = 2;
+
+constexpr char kFooter[] =
+    "Serves fovea.v1 (Datasets, Render), grpc.health.v1 and reflection over every NAME.zarr below\n"
+    "ROOT. The first line on stdout is 'fovead listening on grpc ADDR:PORT'; the log goes to\n"
+    "stderr. SIGTERM or Ctrl-C: no new calls, running ones finish; a second one stops at once.\n\n"
+    "Examples:\n"
+    "  fovead ~/volumes\n"
+    "  fovead ~/volumes --listen 127.0.0.1:0 --threads 4\n"
+    "  fovea render plume --server 127.0.0.1:50051 --step 3 -o frame.png\n\n"
+    "Exit status: 0 stopped cleanly, 1 failed, 2 wrong usage.";
+
+struct Flags {
+  ServerOptions server;
+  int drain_seconds = 30;
+  std::string log_level = "info";
+};
+
+void AddFlags(CLI::App& app, Flags* flags) {
+  app.footer(kFooter);
+  app.add_option("ROOT", flags->server.root, "Directory; its datasets are NAME.zarr, at any depth")
+      ->required();
+  app.add_option("--listen", flags->server.listen, "HOST:PORT; port 0 takes any free one")
+      ->capture_default_str();
+  app.add_option("--threads", flags->server.threads, "Threads that render; 0: all processors")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  app.add_option("--render-queue", flags->server.render_queue,
+                 "Calls that may wait to be rendered; more are refused (RESOURCE_EXHAUSTED)")
+      ->check(CLI::Range(1, 100'000))
+      ->capture_default_str();
+  app.add_option("--drain-seconds", flags->drain_seconds,
+                 "How long running calls may go on after SIGTERM")
+      ->check(CLI::Range(0, 86'400))
+      ->capture_default_str();
+  app.add_flag("--insecure-plaintext", flags->server.insecure_plaintext,
+               "Allow addresses that other machines can reach, unencrypted and without passwords");
+  app.add_option("--log-level", flags->log_level, "trace, debug, info, warn, err or off")
+      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "err", "off"}))
+      ->capture_default_str();
+}
+
+void SetUpLog(const std::string& level) {
+  auto logger = spdlog::stderr_logger_mt("fovead");
+  logger->set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %^%l%$ %v");
+  logger->set_level(spdlog::level::from_str(level));
+  spdlog::set_default_logger(logger);
+}
+
+/// The signals that stop a server, blocked in every thread so that main can wait for them.
+sigset_t BlockStopSignals() {
+  sigset_t stop;
+  sigemptyset(&stop);
+  sigaddset(&stop, SIGTERM);
+  sigaddset(&stop, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &stop, nullptr);
+  return stop;
+}
+
+void ExitAtOnce(int /*signal*/) {
+  constexpr char kMessage[] = "fovead: second signal, stopping at once\n";
+  static_cast<void>(!write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1));
+  _exit(kExitFailed);
+}
+
+/// From now on the stop signals end the process.
+void StopAtOnceOn(const sigset_t& stop) {
+  struct sigaction action {};
+  action.sa_handler = ExitAtOnce;
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+  pthread_sigmask(SIG_UNBLOCK, &stop, nullptr);
+}
+
+int Serve(const Flags& flags) {
+  const sigset_t stop = BlockStopSignals();
+  signal(SIGPIPE, SIG_IGN);
+  auto server = Server::Start(flags.server);
+  if (!server.ok()) {
+    fmt::print(stderr, "fovead: {}\n", MessageOf(server.status()));
+    return absl::IsInvalidArgument(server.status()) ? kExitUsage : kExitFailed;
+  }
+  fmt::print("fovead listening on grpc {}\n", (*server)->address());
+  std::fflush(stdout);
+  spdlog::info("serving {} datasets below '{}' on {}", (*server)->dataset_count(),
+               flags.server.root, (*server)->address());
+
+  int signal_number = 0;
+  sigwait(&stop, &signal_number);
+  spdlog::info("{}: no new calls; running ones may take {} s", strsignal(signal_number),
+               flags.drain_seconds);
+  StopAtOnceOn(stop);
+  const int64_t cut = (*server)->Drain(std::chrono::seconds(flags.drain_seconds));
+  spdlog::info("stopped; {} frames rendered, {} calls cut short", (*server)->frames_rendered(),
+               cut);
+  return 0;
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app("Renders foveated volumes for other programs, over gRPC", "fovead");
+  Flags flags;
+  AddFlags(app, &flags);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kExitUsage;
+  }
+  SetUpLog(flags.log_level);
+  return Serve(flags);
+}
+
+}  // namespace
+}  // namespace fovea::server
+
+int main(int argc, char** argv) {
+  return fovea::server::Main(argc, argv);
+}

@@ -1,0 +1,68 @@
+#ifndef SERVICE_SERVER_MEMORY_BUDGET_H_
+#define SERVICE_SERVER_MEMORY_BUDGET_H_
+
+#include <cstdint>
+#include <mutex>
+#include <utility>
+
+#include "engine/base/status.h"
+
+namespace fovea::server {
+
+/// How much memory replies may take, from before they are made until they are sent: what bounds a
+/// server whose clients ask faster than they read. Thread-safe; must outlive its reservations.
+class MemoryBudget {
+ public:
+  /// Bytes set aside, given back when it goes. Movable; a default one holds nothing.
+  class Reservation {
+   public:
+    Reservation() = default;
+    Reservation(Reservation&& other) noexcept
+        : budget_(std::exchange(other.budget_, nullptr)), bytes_(other.bytes_) {}
+    Reservation& operator=(Reservation&& other) noexcept {
+      std::swap(budget_, other.budget_);
+      std::swap(bytes_, other.bytes_);
+      return *this;
+    }
+    ~Reservation() {
+      if (budget_ != nullptr) {
+        budget_->Release(bytes_);
+      }
+    }
+
+   private:
+    friend class MemoryBudget;
+    Reservation(MemoryBudget* budget, int64_t bytes) : budget_(budget), bytes_(bytes) {}
+    MemoryBudget* budget_ = nullptr;
+    int64_t bytes_ = 0;
+  };
+
+  explicit MemoryBudget(int64_t limit_bytes) : limit_bytes_(limit_bytes) {}
+
+  /// RESOURCE_EXHAUSTED, with the limit, if less than `bytes` is left.
+  [[nodiscard]] StatusOr<Reservation> Reserve(int64_t bytes) {
+    const std::lock_guard lock(mutex_);
+    if (bytes > limit_bytes_ - used_bytes_) {
+      return ResourceExhausted(
+          "frames being made or sent already take {} MiB, and this call needs {} MiB more; the "
+          "server's limit is {} MiB; try again later, or ask for smaller frames",
+          used_bytes_ >> 20, (bytes >> 20) + 1, limit_bytes_ >> 20);
+    }
+    used_bytes_ += bytes;
+    return Reservation(this, bytes);
+  }
+
+ private:
+  void Release(int64_t bytes) {
+    const std::lock_guard lock(mutex_);
+    used_bytes_ -= bytes;
+  }
+
+  const int64_t limit_bytes_;
+  std::mutex mutex_;
+  int64_t used_bytes_ = 0;  // guarded by mutex_
+};
+
+}  // namespace fovea::server
+
+#endif  // SERVICE_SERVER_MEMORY_BUDGET_H_

@@ -1,0 +1,106 @@
+#include "service/server/render_service.h"
+
+#include <memory>
+#include <utility>
+
+#include "service/frames/frames.h"
+#include "service/server/frame_job.h"
+#include "service/server/sequence_stream.h"
+#include "service/server/unary_call.h"
+#include "service/wire/requests.h"
+#include "service/wire/status.h"
+
+namespace fovea::server {
+namespace {
+
+using FrameCall = UnaryCall<v1::Frame>;
+
+/// A reply and the bytes that gRPC makes of it.
+constexpr int64_t kFramesHeld = 2;
+
+StatusOr<int64_t> StepOf(const wire::FrameRequest& request, store::Dataset& dataset) {
+  if (request.time_ns) {
+    return frames::StepAtTime(dataset, *request.time_ns);
+  }
+  FOVEA_RETURN_IF_ERROR(
+      wire::CheckStep(request.dataset, request.step, dataset.info().committed_steps));
+  return static_cast<int64_t>(request.step);
+}
+
+struct Rendering {
+  FrameJob job;
+  int64_t step = 0;
+};
+
+/// Everything up to the rendering itself.
+StatusOr<Rendering> Prepare(Services& services, const wire::FrameRequest& request,
+                            FrameCall& call) {
+  Rendering rendering;
+  FOVEA_ASSIGN_OR_RETURN(rendering.job,
+                         PrepareFrame(*services.catalogue, request.dataset, request.spec));
+  FOVEA_ASSIGN_OR_RETURN(rendering.step, StepOf(request, rendering.job.dataset->dataset()));
+  FOVEA_ASSIGN_OR_RETURN(auto reservation,
+                         services.replies.Reserve(kFramesHeld * rendering.job.reply_bytes));
+  call.Hold(std::move(reservation));
+  return rendering;
+}
+
+void PrepareAndRender(Services& services, const wire::FrameRequest& request,
+                      const std::shared_ptr<FrameCall>& call) {
+  auto rendering = Prepare(services, request, *call);
+  if (!rendering.ok()) {
+    call->Complete(rendering.status());
+    return;
+  }
+  const int64_t bytes = rendering->job.render_bytes;
+  call->Enqueue(services.renders, bytes,
+                [call, &services, rendering = *std::move(rendering)](int threads) {
+                  auto frame = RenderJob(rendering.job, rendering.step, 0, threads);
+                  services.frames_rendered.fetch_add(1, std::memory_order_relaxed);
+                  call->Complete(std::move(frame));
+                });
+}
+
+Status AcknowledgeStream(Services& services, const v1::AcknowledgeRequest& request) {
+  const auto stream = services.streams.Find(request.stream_id());
+  if (stream == nullptr) {
+    return NotFound("stream_id '{}': no such stream runs on this server; it may have ended",
+                    wire::Printable(request.stream_id()));
+  }
+  return stream->Acknowledge(request.index());
+}
+
+}  // namespace
+
+grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext* /*context*/,
+                                                     const v1::RenderFrameRequest* request,
+                                                     v1::Frame* response) {
+  const auto call = FrameCall::Start(services_, "RenderFrame", request->dataset(), response);
+  auto parsed = wire::FromProto(*request);
+  if (!parsed.ok()) {
+    call->Complete(parsed.status());
+    return call.get();
+  }
+  call->Enqueue(services_.lookups, 0,
+                [call, &services = services_, request = *std::move(parsed)](int) {
+                  PrepareAndRender(services, request, call);
+                });
+  return call.get();
+}
+
+grpc::ServerWriteReactor<v1::Frame>* RenderService::RenderSequence(
+    grpc::CallbackServerContext* /*context*/, const v1::RenderSequenceRequest* request) {
+  return SequenceStream::Start(services_, *request).get();
+}
+
+/// Also while the server drains: the streams that still run need it. Waits for nothing, so it is
+/// answered on gRPC's own thread.
+grpc::ServerUnaryReactor* RenderService::Acknowledge(grpc::CallbackServerContext* context,
+                                                     const v1::AcknowledgeRequest* request,
+                                                     v1::AcknowledgeResponse* /*response*/) {
+  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
+  reactor->Finish(wire::ToGrpc(AcknowledgeStream(services_, *request)));
+  return reactor;
+}
+
+}  // namespace fovea::server

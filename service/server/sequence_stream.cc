@@ -1,0 +1,162 @@
+#include "service/server/sequence_stream.h"
+
+#include <utility>
+
+#include "service/wire/status.h"
+
+namespace fovea::server {
+namespace {
+
+/// A frame that is ready, one being written, and the bytes that gRPC makes of that one.
+constexpr int64_t kFramesHeld = 3;
+
+}  // namespace
+
+std::shared_ptr<SequenceStream> SequenceStream::Start(Services& services,
+                                                      const v1::RenderSequenceRequest& request) {
+  auto stream = std::make_shared<SequenceStream>(Private(), services, request.window());
+  stream->self_ = stream;
+  if (const Status status = stream->Admit(wire::FromProto(request)); !status.ok()) {
+    stream->Handle([&](SequencePacer& pacer) { return pacer.OnOpenFailed(status); });
+  }
+  return stream;
+}
+
+Status SequenceStream::Admit(StatusOr<wire::SequenceRequest> request) {
+  auto slot = services_.calls.Enter();
+  if (!slot) {
+    return DrainingError();
+  }
+  slot_ = *std::move(slot);
+  FOVEA_RETURN_IF_ERROR(request.status());
+  request_ = *std::move(request);
+  if (!request_.stream_id.empty()) {
+    FOVEA_RETURN_IF_ERROR(services_.streams.Add(request_.stream_id, weak_from_this()));
+    registered_ = true;
+  }
+  return services_.lookups.Submit(0, [self = shared_from_this()](int) { self->Open(); }).status();
+}
+
+void SequenceStream::Open() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (pacer_.over()) {
+      return;
+    }
+  }
+  const Status status = Prepare();
+  Handle([&](SequencePacer& pacer) {
+    return status.ok() ? pacer.OnOpened(static_cast<int64_t>(request_.start_index), series_.count)
+                       : pacer.OnOpenFailed(status);
+  });
+}
+
+Status SequenceStream::Prepare() {
+  FOVEA_ASSIGN_OR_RETURN(job_, PrepareFrame(*services_.catalogue, request_.dataset, request_.spec));
+  const int64_t committed = job_.dataset->dataset().info().committed_steps;
+  FOVEA_ASSIGN_OR_RETURN(series_, wire::ResolveSteps(request_, committed));
+  FOVEA_ASSIGN_OR_RETURN(reservation_, services_.replies.Reserve(kFramesHeld * job_.reply_bytes));
+  return absl::OkStatus();
+}
+
+void SequenceStream::Render(int64_t index, int threads) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (pacer_.over()) {
+      return;
+    }
+  }
+  auto frame = RenderJob(job_, series_.StepAt(index), static_cast<uint64_t>(index), threads);
+  services_.frames_rendered.fetch_add(1, std::memory_order_relaxed);
+  Handle([&](SequencePacer& pacer) {
+    if (frame.ok()) {
+      ready_ = *std::move(frame);
+    }
+    return pacer.OnRendered(frame.status());
+  });
+}
+
+void SequenceStream::Handle(const std::function<SequencePacer::Actions(SequencePacer&)>& event) {
+  SequencePacer::Actions actions;
+  {
+    const std::lock_guard lock(mutex_);
+    actions = event(pacer_);
+    if (actions.write) {
+      writing_ = std::move(ready_);
+    }
+  }
+  Act(std::move(actions));
+}
+
+void SequenceStream::Act(SequencePacer::Actions actions) {
+  if (actions.render) {
+    SubmitRender(*actions.render);
+  }
+  if (actions.write) {
+    StartWrite(&writing_);
+  }
+  if (actions.finish) {
+    End(*actions.finish);
+  }
+}
+
+void SequenceStream::SubmitRender(int64_t index) {
+  auto job = [self = shared_from_this(), index](int threads) { self->Render(index, threads); };
+  Status refused;
+  {
+    const std::lock_guard lock(mutex_);
+    if (pacer_.over()) {
+      return;
+    }
+    // Only the first frame of a stream asks to be let in.
+    if (index == static_cast<int64_t>(request_.start_index)) {
+      const auto ticket = services_.renders.Submit(job_.render_bytes, std::move(job));
+      ticket_ = ticket.ok() ? *ticket : 0;
+      refused = ticket.status();
+    } else {
+      ticket_ = services_.renders.SubmitAdmitted(job_.render_bytes, std::move(job));
+    }
+  }
+  if (!refused.ok()) {
+    Handle([&](SequencePacer& pacer) { return pacer.OnRendered(refused); });
+  }
+}
+
+void SequenceStream::End(const Status& status) {
+  if (registered_) {
+    services_.streams.Remove(request_.stream_id);
+  }
+  LogOutcome("RenderSequence", request_.dataset, status, watch_.ElapsedMs());
+  Finish(wire::ToGrpc(services_.catalogue->WithoutRoot(status)));
+}
+
+Status SequenceStream::Acknowledge(uint64_t index) {
+  Status status;
+  Handle([&](SequencePacer& pacer) {
+    auto actions = pacer.OnAcknowledged(index);
+    status = actions.status();
+    return actions.ok() ? *actions : SequencePacer::Actions();
+  });
+  return status;
+}
+
+void SequenceStream::OnWriteDone(bool ok) {
+  Handle([ok](SequencePacer& pacer) { return pacer.OnWriteDone(ok); });
+}
+
+void SequenceStream::OnCancel() {
+  const auto self = shared_from_this();  // Handle may end the call
+  WorkPool::Ticket ticket = 0;
+  Handle([&](SequencePacer& pacer) {
+    ticket = ticket_;
+    return pacer.OnCancelled();
+  });
+  services_.renders.Remove(ticket);
+}
+
+void SequenceStream::OnDone() {
+  slot_ = CallTracker::Slot();
+  self_.reset();  // may be the end of this
+}
+
+}  // namespace fovea::server

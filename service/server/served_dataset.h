@@ -1,0 +1,58 @@
+#ifndef SERVICE_SERVER_SERVED_DATASET_H_
+#define SERVICE_SERVER_SERVED_DATASET_H_
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "engine/base/status.h"
+#include "engine/store/dataset.h"
+#include "service/frames/spec.h"
+#include "service/wire/dataset_summary.h"
+
+namespace fovea::server {
+
+/// An open store under the name that clients know it by, with what is worth keeping of it. Stays
+/// valid for whoever holds it, also when the catalogue has dropped it. Thread-safe.
+class ServedDataset {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  ServedDataset(std::string name, std::shared_ptr<store::Dataset> dataset,
+                std::chrono::milliseconds refresh_interval)
+      : name_(std::move(name)),
+        dataset_(std::move(dataset)),
+        refresh_interval_(refresh_interval),
+        refreshed_(Clock::now()) {}
+
+  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] store::Dataset& dataset() { return *dataset_; }
+
+  /// Looks for new steps, unless that was done less than the interval ago.
+  [[nodiscard]] Status Refresh();
+  /// frames::DefaultSpec of the steps there are now; computed once per number of steps.
+  [[nodiscard]] StatusOr<frames::FrameSpec> DefaultSpec();
+  /// What GetDataset returns; without default_spec, what ListDatasets returns.
+  [[nodiscard]] StatusOr<wire::DatasetSummary> Summary(bool with_default_spec);
+
+ private:
+  const std::string name_;
+  const std::shared_ptr<store::Dataset> dataset_;
+  const std::chrono::milliseconds refresh_interval_;
+
+  std::mutex refresh_mutex_;
+  Clock::time_point refreshed_;  // guarded by refresh_mutex_
+
+  std::mutex defaults_mutex_;
+  // Both guarded by defaults_mutex_.
+  int64_t defaults_steps_ = 0;
+  std::optional<frames::FrameSpec> defaults_;
+};
+
+}  // namespace fovea::server
+
+#endif  // SERVICE_SERVER_SERVED_DATASET_H_

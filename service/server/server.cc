@@ -1,0 +1,154 @@
+#include "service/server/server.h"
+
+#include <mutex>
+#include <utility>
+
+#include <grpc/support/log.h>
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/resource_quota.h>
+#include <spdlog/spdlog.h>
+
+#include "engine/base/parallel.h"
+#include "service/server/datasets_service.h"
+#include "service/server/listen_address.h"
+#include "service/server/render_service.h"
+#include "service/server/services.h"
+#include "service/wire/convert.h"
+
+namespace fovea::server {
+namespace {
+
+constexpr int kLookupThreads = 2;
+constexpr int kMaxLookupsWaiting = 1000;
+constexpr int64_t kMaxRunningBytes = int64_t{4} << 30;  // of frames being rendered
+constexpr int64_t kMaxReplyBytes = int64_t{1} << 30;    // of frames made and not yet sent
+constexpr size_t kTransportBytes = size_t{512} << 20;   // gRPC's own buffers
+constexpr char kRenderServiceName[] = "fovea.v1.Render";
+
+/// gRPC's own messages go where ours go.
+void LogFromGrpc(gpr_log_func_args* args) {
+  const auto level =
+      args->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;
+  spdlog::log(level, "grpc: {}", args->message);
+}
+
+/// Once a process, before the first server is built.
+void SetUpGrpc() {
+  static const bool done = [] {
+    gpr_set_log_function(LogFromGrpc);
+    grpc::EnableDefaultHealthCheckService(true);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    return true;
+  }();
+  static_cast<void>(done);
+}
+
+void SetLimits(grpc::ServerBuilder& builder) {
+  builder.SetMaxReceiveMessageSize(wire::kMaxRequestMessageBytes);
+  builder.SetMaxSendMessageSize(wire::kMaxReplyMessageBytes);
+  builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);
+  builder.SetResourceQuota(grpc::ResourceQuota("fovead").Resize(kTransportBytes));
+  const std::pair<const char*, int> arguments[] = {
+      {GRPC_ARG_KEEPALIVE_TIME_MS, 20'000},
+      {GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 5'000},
+      {GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1},
+      {GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000},
+      {GRPC_ARG_MAX_CONNECTION_AGE_MS, 3'600'000},
+      {GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, 60'000},
+      {GRPC_ARG_MAX_CONCURRENT_STREAMS, 100},
+      {GRPC_ARG_MAX_METADATA_SIZE, 16 << 10},
+      // Two servers on one port would each get some of the calls, and nobody would know.
+      {GRPC_ARG_ALLOW_REUSEPORT, 0},
+  };
+  for (const auto& [name, value] : arguments) {
+    builder.AddChannelArgument(name, value);
+  }
+}
+
+class GrpcServer final : public Server {
+ public:
+  GrpcServer(std::unique_ptr<Catalogue> catalogue, const ServerOptions& options)
+      : services_(std::move(catalogue), kMaxReplyBytes,
+                  {.name = "lookup queue",
+                   .flag = "",
+                   .threads = kLookupThreads,
+                   .max_waiting = kMaxLookupsWaiting},
+                  {.name = "render queue",
+                   .flag = fmt::format("--render-queue {}", options.render_queue),
+                   .threads = options.threads > 0 ? options.threads : HardwareThreads(),
+                   .max_waiting = options.render_queue,
+                   .max_running_bytes = kMaxRunningBytes}),
+        datasets_(services_),
+        render_(services_) {}
+
+  ~GrpcServer() override { Drain(std::chrono::milliseconds(0)); }
+
+  [[nodiscard]] Status Listen(ListenAddress address) {
+    grpc::ServerBuilder builder;
+    SetLimits(builder);
+    int port = 0;
+    builder.AddListeningPort(address.ToString(), grpc::InsecureServerCredentials(), &port);
+    builder.RegisterService(&datasets_);
+    builder.RegisterService(&render_);
+    server_ = builder.BuildAndStart();
+    if (server_ == nullptr || port == 0) {
+      return Unavailable(
+          "cannot listen on {}: the port is taken, or the address is not this machine's; choose "
+          "another with --listen (port 0 takes any free one)",
+          address.ToString());
+    }
+    server_->GetHealthCheckService()->SetServingStatus(kRenderServiceName, true);
+    address.port = port;
+    address_ = address.ToString();
+    return absl::OkStatus();
+  }
+
+  const std::string& address() const override { return address_; }
+  size_t dataset_count() const override { return services_.catalogue->size(); }
+  uint64_t frames_rendered() const override { return services_.frames_rendered.load(); }
+
+  int64_t Drain(std::chrono::milliseconds limit) override {
+    const std::lock_guard lock(drain_mutex_);
+    if (server_ == nullptr) {
+      return 0;
+    }
+    server_->GetHealthCheckService()->SetServingStatus(false);
+    services_.calls.StopAdmitting();
+    const int64_t left = services_.calls.WaitIdle(limit);
+    // Only now are connections closed: a balancer that saw GOAWAY first would cut streams short.
+    server_->Shutdown(std::chrono::system_clock::now());
+    server_->Wait();
+    server_.reset();
+    return left;
+  }
+
+ private:
+  Services services_;
+  DatasetsService datasets_;
+  RenderService render_;
+  std::string address_;  // not changed after Listen
+  std::mutex drain_mutex_;
+  std::unique_ptr<grpc::Server> server_;  // guarded by drain_mutex_ once it runs
+};
+
+}  // namespace
+
+StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
+  FOVEA_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen));
+  if (!address.loopback && !options.insecure_plaintext) {
+    return InvalidArgument(
+        "{} can be reached from other machines, and this server has neither encryption nor "
+        "passwords: listen on 127.0.0.1 behind a proxy that has, or add --insecure-plaintext if "
+        "everyone on that network may see and do everything",
+        options.listen);
+  }
+  FOVEA_ASSIGN_OR_RETURN(auto catalogue, Catalogue::Open(options.root, options.rescan_interval));
+  SetUpGrpc();
+  auto server = std::make_unique<GrpcServer>(std::move(catalogue), options);
+  FOVEA_RETURN_IF_ERROR(server->Listen(address));
+  return server;
+}
+
+}  // namespace fovea::server

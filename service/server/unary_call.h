@@ -1,0 +1,142 @@
+#ifndef SERVICE_SERVER_UNARY_CALL_H_
+#define SERVICE_SERVER_UNARY_CALL_H_
+
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include <grpcpp/support/server_callback.h>
+
+#include "engine/base/status.h"
+#include "engine/base/stopwatch.h"
+#include "service/server/services.h"
+#include "service/wire/status.h"
+
+namespace fovea::server {
+
+/// One unary call whose work is done in pools. It ends once, with whatever comes first: its work,
+/// or its client's cancel (a passed deadline is one). Work that waits then is dropped; work that
+/// runs is let run, and its result thrown away. Lives until gRPC and every job have let go of it.
+/// Thread-safe.
+template <typename Response>
+class UnaryCall final : public grpc::ServerUnaryReactor,
+                        public std::enable_shared_from_this<UnaryCall<Response>> {
+ public:
+  /// `subject` is what the call is about, for the log. The call is over at once if the server
+  /// drains. Hand `get()` to gRPC.
+  [[nodiscard]] static std::shared_ptr<UnaryCall> Start(Services& services, const char* method,
+                                                        std::string subject, Response* response) {
+    auto call =
+        std::make_shared<UnaryCall>(Private(), services, method, std::move(subject), response);
+    call->self_ = call;
+    if (auto slot = services.calls.Enter()) {
+      call->slot_ = *std::move(slot);
+    } else {
+      call->Complete(DrainingError());
+    }
+    return call;
+  }
+
+  /// Runs `job` in `pool`, unless the call is over before its turn comes. A full pool ends the
+  /// call.
+  void Enqueue(WorkPool& pool, int64_t bytes, WorkPool::Job job) {
+    Status refused;
+    {
+      const std::lock_guard lock(mutex_);
+      if (over_) {
+        return;
+      }
+      auto ticket =
+          pool.Submit(bytes, [self = this->shared_from_this(), job = std::move(job)](int threads) {
+            if (!self->over()) {
+              job(threads);
+            }
+          });
+      if (ticket.ok()) {
+        pool_ = &pool;
+        ticket_ = *ticket;
+      }
+      refused = ticket.status();
+    }
+    if (!refused.ok()) {
+      Complete(refused);
+    }
+  }
+
+  /// Ends the call; does nothing if it is over.
+  void Complete(StatusOr<Response> result) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (over_) {
+        return;
+      }
+      over_ = true;
+      if (result.ok()) {
+        *response_ = *std::move(result);
+      }
+    }
+    const Status status = services_.catalogue->WithoutRoot(result.status());
+    LogOutcome(method_, subject_, result.status(), watch_.ElapsedMs());
+    this->Finish(wire::ToGrpc(status));
+  }
+
+  /// Keeps memory set aside until the reply is sent.
+  void Hold(MemoryBudget::Reservation reservation) {
+    const std::lock_guard lock(mutex_);
+    reservation_ = std::move(reservation);
+  }
+
+  [[nodiscard]] bool over() {
+    const std::lock_guard lock(mutex_);
+    return over_;
+  }
+
+  void OnCancel() override {
+    WorkPool* pool = nullptr;
+    WorkPool::Ticket ticket = 0;
+    {
+      const std::lock_guard lock(mutex_);
+      pool = pool_;
+      ticket = ticket_;
+    }
+    if (pool != nullptr) {
+      pool->Remove(ticket);
+    }
+    Complete(Cancelled("the client cancelled, went away, or its deadline passed"));
+  }
+
+  void OnDone() override {
+    slot_ = CallTracker::Slot();
+    self_.reset();  // may be the end of this
+  }
+
+ private:
+  struct Private {};
+
+ public:
+  UnaryCall(Private, Services& services, const char* method, std::string subject,
+            Response* response)
+      : services_(services), method_(method), subject_(std::move(subject)), response_(response) {}
+
+ private:
+  Services& services_;
+  const char* const method_;
+  const std::string subject_;
+  const Stopwatch watch_;
+  std::shared_ptr<UnaryCall> self_;  // set before gRPC knows of it, reset when gRPC is done
+  CallTracker::Slot slot_;
+
+  std::mutex mutex_;
+  // All below: guarded by mutex_.
+  bool over_ = false;
+  Response* response_;  // gRPC's; not touched once over_
+  WorkPool* pool_ = nullptr;
+  WorkPool::Ticket ticket_ = 0;
+  MemoryBudget::Reservation reservation_;
+};
+
+}  // namespace fovea::server
+
+#endif  // SERVICE_SERVER_UNARY_CALL_H_

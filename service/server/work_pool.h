@@ -1,0 +1,71 @@
+#ifndef SERVICE_SERVER_WORK_POOL_H_
+#define SERVICE_SERVER_WORK_POOL_H_
+
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "engine/base/status.h"
+
+namespace fovea::server {
+
+/// A fixed number of threads and a bounded queue in front of them: gRPC's own threads hand work
+/// over here and never wait. First come, first served. Thread-safe.
+class WorkPool {
+ public:
+  struct Limits {
+    std::string name;                       // in errors: "render queue"
+    std::string flag;                       // in errors: what raises `max_waiting`; may be empty
+    int threads = 1;                        // at least 1
+    int max_waiting = 64;                   // jobs of Submit that wait
+    int64_t max_running_bytes = INT64_MAX;  // of the jobs that run; a larger one runs alone
+  };
+  /// `threads` is the job's share of the pool's threads, at least 1.
+  using Job = std::function<void(int threads)>;
+  using Ticket = uint64_t;
+
+  explicit WorkPool(Limits limits);
+  /// Drops what waits, and returns when what runs is done.
+  ~WorkPool();
+  WorkPool(const WorkPool&) = delete;
+  WorkPool& operator=(const WorkPool&) = delete;
+
+  /// RESOURCE_EXHAUSTED, naming the limit, when `max_waiting` jobs wait already. `bytes` is the
+  /// memory that the job will use.
+  [[nodiscard]] StatusOr<Ticket> Submit(int64_t bytes, Job job);
+  /// For the next piece of something that was admitted before: never refused.
+  Ticket SubmitAdmitted(int64_t bytes, Job job);
+  /// Whether the job was still waiting; it is dropped then, and never runs.
+  bool Remove(Ticket ticket);
+
+ private:
+  struct Entry {
+    Ticket ticket = 0;
+    int64_t bytes = 0;
+    Job job;
+  };
+
+  void Run();
+  [[nodiscard]] bool MayStart() const;  // with mutex_ held
+  Ticket Push(int64_t bytes, Job job);  // with mutex_ held
+
+  const Limits limits_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  // All below: guarded by mutex_.
+  std::deque<Entry> waiting_;
+  Ticket last_ticket_ = 0;
+  int running_ = 0;
+  int64_t running_bytes_ = 0;
+  bool stopping_ = false;
+  std::vector<std::thread> threads_;  // written by the constructor only
+};
+
+}  // namespace fovea::server
+
+#endif  // SERVICE_SERVER_WORK_POOL_H_
