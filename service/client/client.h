@@ -11,32 +11,31 @@
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
 #include "service/frames/spec.h"
+#include "service/wire/dataset_summary.h"
 
 /// The C++ client of the gRPC service, in plain structs: callers need neither gRPC nor Protobuf.
 namespace fovea::client {
 
-struct DatasetSummary {
-  std::string name;
-  store::DatasetInfo info;             // origin, clock, retention and chunk_edge are not sent
-  int64_t first_time_ns = 0, last_time_ns = 0;
-  frames::FrameSpec default_spec;
-};
+/// Its default_spec is what a frame with an empty spec uses; ListDatasets leaves it empty.
+using DatasetSummary = wire::DatasetSummary;
 
 struct SequenceRequest {
   std::string dataset;
   int64_t first = 0;
-  std::optional<int64_t> last;         // included; default: the last committed step
+  std::optional<int64_t> last;  // included; default: the last committed step
   int64_t stride = 1;
   frames::FrameSpec spec;
   uint64_t start_index = 0;
-  uint32_t window = 2;                 // frames ahead of the acknowledgements; 0: none needed
+  uint32_t window = 2;  // frames ahead of the acknowledgements; 0: none needed
 };
 
-/// One connection. Errors are the server's, with "server HOST:PORT: " in front; UNAVAILABLE says
-/// how to start one. Thread-safe.
+/// One connection, made by the first call. Errors are the server's, with "server HOST:PORT: " in
+/// front; UNAVAILABLE says how to start one. What comes back is checked: INTERNAL if it cannot be
+/// what the proto promises. Thread-safe.
 class Client {
  public:
-  /// `deadline_seconds` bounds each unary call, and each wait for the next frame of a stream.
+  /// `address` is HOST:PORT; INVALID_ARGUMENT for anything else. `deadline_seconds` bounds each
+  /// unary call, and each wait for the next frame of a stream.
   [[nodiscard]] static StatusOr<std::unique_ptr<Client>> Connect(const std::string& address,
                                                                  double deadline_seconds = 60);
   virtual ~Client() = default;
@@ -47,7 +46,8 @@ class Client {
                                                             int64_t step,
                                                             const frames::FrameSpec& spec) = 0;
   /// Calls `on_frame` for each frame in order and acknowledges it when it returns true; returning
-  /// false cancels the stream, and OK is returned.
+  /// false cancels the stream, and OK is returned. If the connection is lost after a frame came,
+  /// the stream is asked for again from the frame after it.
   [[nodiscard]] virtual Status RenderSequence(
       const SequenceRequest& request,
       const std::function<bool(const frames::Frame&)>& on_frame) = 0;

@@ -12,10 +12,10 @@
 
 #include "engine/base/parallel.h"
 #include "service/server/datasets_service.h"
-#include "service/server/listen_address.h"
 #include "service/server/render_service.h"
 #include "service/server/services.h"
 #include "service/wire/convert.h"
+#include "service/wire/host_port.h"
 
 namespace fovea::server {
 namespace {
@@ -85,7 +85,7 @@ class GrpcServer final : public Server {
 
   ~GrpcServer() override { Drain(std::chrono::milliseconds(0)); }
 
-  [[nodiscard]] Status Listen(ListenAddress address) {
+  [[nodiscard]] Status Listen(wire::HostPort address) {
     grpc::ServerBuilder builder;
     SetLimits(builder);
     int port = 0;
@@ -136,7 +136,7 @@ class GrpcServer final : public Server {
 }  // namespace
 
 StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
-  FOVEA_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen));
+  FOVEA_ASSIGN_OR_RETURN(const wire::HostPort address, wire::ParseHostPort(options.listen));
   if (!address.loopback && !options.insecure_plaintext) {
     return InvalidArgument(
         "{} can be reached from other machines, and this server has neither encryption nor "

@@ -44,8 +44,8 @@ v1::Dataset ToProto(const DatasetSummary& summary) {
   proto.set_world_unit(info.world_unit);
   proto.set_first_time_ns(summary.first_time_ns);
   proto.set_last_time_ns(summary.last_time_ns);
-  if (summary.default_spec) {
-    *proto.mutable_default_spec() = ToProto(*summary.default_spec);
+  if (summary.default_spec != frames::FrameSpec{}) {
+    *proto.mutable_default_spec() = ToProto(summary.default_spec);
   }
   return proto;
 }

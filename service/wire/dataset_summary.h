@@ -2,7 +2,6 @@
 #define SERVICE_WIRE_DATASET_SUMMARY_H_
 
 #include <cstdint>
-#include <optional>
 #include <string>
 
 #include "engine/store/dataset.h"
@@ -12,10 +11,10 @@ namespace fovea::wire {
 
 /// The plain twin of fovea.v1.Dataset.
 struct DatasetSummary {
-  std::string name;                               // path below the server's root, without ".zarr"
-  store::DatasetInfo info;                        // origin, clock, retention, chunk_edge: not sent
-  int64_t first_time_ns = 0, last_time_ns = 0;    // 0 without a step
-  std::optional<frames::FrameSpec> default_spec;  // absent without a step, and in lists
+  std::string name;         // path below the server's root, without ".zarr"
+  store::DatasetInfo info;  // origin, clock, retention and chunk_edge are not sent
+  int64_t first_time_ns = 0, last_time_ns = 0;  // 0 without a step
+  frames::FrameSpec default_spec;               // empty without a step, and in lists
 };
 
 }  // namespace fovea::wire

@@ -1,4 +1,4 @@
-#include "service/server/listen_address.h"
+#include "service/wire/host_port.h"
 
 #include <charconv>
 #include <cstring>
@@ -6,7 +6,7 @@
 #include <arpa/inet.h>
 #include <netinet/in.h>
 
-namespace fovea::server {
+namespace fovea::wire {
 namespace {
 
 /// Names are not looked up: only "localhost" counts as loopback.
@@ -24,14 +24,14 @@ bool IsLoopback(const std::string& host) {
 
 }  // namespace
 
-std::string ListenAddress::ToString() const {
+std::string HostPort::ToString() const {
   return host.find(':') == std::string::npos ? fmt::format("{}:{}", host, port)
                                              : fmt::format("[{}]:{}", host, port);
 }
 
-StatusOr<ListenAddress> ParseListenAddress(const std::string& text) {
+StatusOr<HostPort> ParseHostPort(const std::string& text) {
   const size_t colon = text.rfind(':');
-  ListenAddress address;
+  HostPort address;
   if (colon != std::string::npos) {
     address.host = text.substr(0, colon);
     const char* first = text.data() + colon + 1;
@@ -54,4 +54,4 @@ StatusOr<ListenAddress> ParseListenAddress(const std::string& text) {
       "'{}' is not HOST:PORT with a port of 0 to 65535, e.g. 127.0.0.1:50051 or [::1]:50051", text);
 }
 
-}  // namespace fovea::server
+}  // namespace fovea::wire

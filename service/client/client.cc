@@ -1,0 +1,240 @@
+#include "service/client/client.h"
+
+#include <random>
+#include <utility>
+
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+
+#include "fovea/v1/datasets.grpc.pb.h"
+#include "fovea/v1/render.grpc.pb.h"
+#include "service/client/acknowledger.h"
+#include "service/client/call_options.h"
+#include "service/client/frame_reader.h"
+#include "service/frames/frames.h"
+#include "service/wire/convert.h"
+#include "service/wire/host_port.h"
+#include "service/wire/requests.h"
+#include "service/wire/status.h"
+
+namespace fovea::client {
+
+std::string RandomId() {
+  std::random_device random;
+  return fmt::format("{:08x}{:08x}{:08x}{:08x}", random(), random(), random(), random());
+}
+
+namespace {
+
+std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
+  grpc::ChannelArguments arguments;
+  arguments.SetMaxReceiveMessageSize(wire::kMaxReplyMessageBytes);
+  // Probing lets a slow reader's buffers grow, and frames age in them.
+  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  // One connection a client; a proxy from the environment is for web pages.
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
+  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+}
+
+/// What can be known to be wrong before anything is sent.
+Status CheckRequest(int64_t step, const frames::FrameSpec& spec) {
+  if (step < 0) {
+    return InvalidArgument("step {}: steps count from 0", step);
+  }
+  return frames::ValidateSpec(spec);
+}
+
+v1::RenderSequenceRequest ToProto(const SequenceRequest& request) {
+  v1::RenderSequenceRequest proto;
+  proto.set_dataset(request.dataset);
+  proto.mutable_steps()->set_first(static_cast<uint64_t>(request.first));
+  if (request.last) {
+    proto.mutable_steps()->set_last(static_cast<uint64_t>(*request.last));
+  }
+  proto.mutable_steps()->set_stride(static_cast<uint64_t>(request.stride));
+  *proto.mutable_spec() = wire::ToProto(request.spec);
+  proto.set_start_index(request.start_index);
+  proto.set_window(request.window);
+  return proto;
+}
+
+class GrpcClient final : public Client {
+ public:
+  GrpcClient(const std::string& address, double deadline_seconds)
+      : address_(address),
+        deadline_seconds_(deadline_seconds),
+        session_(RandomId()),
+        channel_(MakeChannel(address)),
+        datasets_(v1::Datasets::NewStub(channel_)),
+        render_(v1::Render::NewStub(channel_)) {}
+
+  StatusOr<std::vector<DatasetSummary>> ListDatasets() override;
+  StatusOr<DatasetSummary> GetDataset(const std::string& dataset) override;
+  StatusOr<frames::Frame> RenderFrame(const std::string& dataset, int64_t step,
+                                      const frames::FrameSpec& spec) override;
+  Status RenderSequence(const SequenceRequest& request,
+                        const std::function<bool(const frames::Frame&)>& on_frame) override;
+
+ private:
+  using OnFrame = std::function<bool(const frames::Frame&)>;
+  /// How far a stream has come.
+  struct Progress {
+    uint64_t next_index = 0;
+    frames::FrameSpec used;  // of the last frame
+    bool stopped = false;    // by on_frame
+  };
+
+  void Prepare(grpc::ClientContext* context) const {
+    context->AddMetadata(kSessionKey, session_);
+    context->set_deadline(DeadlineIn(deadline_seconds_));
+  }
+  [[nodiscard]] Status Explain(const Status& status) const;
+  [[nodiscard]] Status Stream(const v1::RenderSequenceRequest& request, const OnFrame& on_frame,
+                              Progress* progress);
+  [[nodiscard]] StatusOr<frames::Frame> Receive(v1::Frame proto, uint64_t index) const;
+
+  const std::string address_;
+  const double deadline_seconds_;
+  const std::string session_;
+  const std::shared_ptr<grpc::Channel> channel_;
+  const std::unique_ptr<v1::Datasets::Stub> datasets_;
+  const std::shared_ptr<v1::Render::Stub> render_;
+};
+
+/// Says which server, and keeps what the details point at.
+Status GrpcClient::Explain(const Status& status) const {
+  if (status.ok()) {
+    return status;
+  }
+  std::string message = fmt::format("server {}: {}", address_, MessageOf(status));
+  if (absl::IsUnavailable(status)) {
+    message += "; `fovea serve ROOT` starts a server";
+  }
+  Status explained = MakeStatus(status.code(), message);
+  status.ForEachPayload([&](absl::string_view type, const absl::Cord& payload) {
+    explained.SetPayload(type, payload);
+  });
+  return explained;
+}
+
+StatusOr<std::vector<DatasetSummary>> GrpcClient::ListDatasets() {
+  std::vector<DatasetSummary> datasets;
+  v1::ListDatasetsRequest request;
+  request.set_page_size(wire::kMaxPageSize);
+  do {
+    grpc::ClientContext context;
+    Prepare(&context);
+    v1::ListDatasetsResponse response;
+    FOVEA_RETURN_IF_ERROR(
+        Explain(wire::FromGrpc(datasets_->ListDatasets(&context, request, &response))));
+    for (const v1::Dataset& proto : response.datasets()) {
+      auto summary = wire::FromProto(proto);
+      FOVEA_RETURN_IF_ERROR(Explain(summary.status()));
+      datasets.push_back(*std::move(summary));
+    }
+    if (response.datasets().empty() && !response.next_page_token().empty()) {
+      return Explain(Internal("an empty page of datasets that says that more follow"));
+    }
+    request.set_page_token(response.next_page_token());
+  } while (!request.page_token().empty());
+  return datasets;
+}
+
+StatusOr<DatasetSummary> GrpcClient::GetDataset(const std::string& dataset) {
+  grpc::ClientContext context;
+  Prepare(&context);
+  v1::GetDatasetRequest request;
+  request.set_dataset(dataset);
+  v1::Dataset response;
+  FOVEA_RETURN_IF_ERROR(
+      Explain(wire::FromGrpc(datasets_->GetDataset(&context, request, &response))));
+  auto summary = wire::FromProto(response);
+  FOVEA_RETURN_IF_ERROR(Explain(summary.status()));
+  return summary;
+}
+
+StatusOr<frames::Frame> GrpcClient::RenderFrame(const std::string& dataset, int64_t step,
+                                                const frames::FrameSpec& spec) {
+  FOVEA_RETURN_IF_ERROR(CheckRequest(step, spec));
+  grpc::ClientContext context;
+  Prepare(&context);
+  v1::RenderFrameRequest request;
+  request.set_dataset(dataset);
+  request.set_step(static_cast<uint64_t>(step));
+  *request.mutable_spec() = wire::ToProto(spec);
+  v1::Frame response;
+  FOVEA_RETURN_IF_ERROR(
+      Explain(wire::FromGrpc(render_->RenderFrame(&context, request, &response))));
+  return Receive(std::move(response), 0);
+}
+
+StatusOr<frames::Frame> GrpcClient::Receive(v1::Frame proto, uint64_t index) const {
+  auto frame = wire::FromProto(std::move(proto));
+  FOVEA_RETURN_IF_ERROR(Explain(frame.status()));
+  if (frame->index != index) {
+    return Explain(Internal("frame {} came where {} was due", frame->index, index));
+  }
+  return frame;
+}
+
+Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame& on_frame) {
+  FOVEA_RETURN_IF_ERROR(CheckRequest(request.first, request.spec));
+  if (request.last && *request.last < request.first) {
+    return InvalidArgument("last step {} is before the first, {}", *request.last, request.first);
+  }
+  if (request.stride < 1) {
+    return InvalidArgument("stride {} is outside its range, from 1", request.stride);
+  }
+  v1::RenderSequenceRequest proto = ToProto(request);
+  Progress progress;
+  progress.next_index = request.start_index;
+  while (true) {
+    const uint64_t before = progress.next_index;
+    if (request.window > 0) {
+      proto.set_stream_id(RandomId());  // the stream that was lost may not have noticed yet
+    }
+    const Status status = Stream(proto, on_frame, &progress);
+    if (progress.stopped || !absl::IsUnavailable(status) || progress.next_index == before) {
+      return progress.stopped ? absl::OkStatus() : status;
+    }
+    // The rest in the same way as what came, also where defaults have changed since.
+    proto.set_start_index(progress.next_index);
+    *proto.mutable_spec() = wire::ToProto(progress.used);
+  }
+}
+
+Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFrame& on_frame,
+                          Progress* progress) {
+  const auto acknowledger =
+      std::make_shared<Acknowledger>(render_, request.stream_id(), session_, deadline_seconds_);
+  FrameReader reader(*render_, request, session_, deadline_seconds_);
+  v1::Frame proto;
+  while (reader.Next(&proto)) {
+    FOVEA_ASSIGN_OR_RETURN(frames::Frame frame, Receive(std::move(proto), progress->next_index));
+    proto.Clear();
+    if (!on_frame(frame)) {
+      progress->stopped = true;
+      return absl::OkStatus();
+    }
+    progress->used = std::move(frame.used);
+    if (request.window() > 0) {
+      acknowledger->Acknowledge(progress->next_index);
+    }
+    ++progress->next_index;
+  }
+  return Explain(wire::FromGrpc(reader.Finish()));
+}
+
+}  // namespace
+
+StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& address,
+                                                  double deadline_seconds) {
+  FOVEA_ASSIGN_OR_RETURN(const wire::HostPort parsed, wire::ParseHostPort(address));
+  if (parsed.port == 0) {
+    return InvalidArgument("server '{}': the port must be 1 to 65535", address);
+  }
+  return std::make_unique<GrpcClient>(parsed.ToString(), deadline_seconds);
+}
+
+}  // namespace fovea::client
