@@ -13,8 +13,8 @@ WorkPool::WorkPool(Limits limits) : limits_(std::move(limits)) {
 }
 
 WorkPool::~WorkPool() {
-  std::deque<Entry> dropped;
   {
+    std::deque<Entry> dropped;  // destroyed without the lock: a job may own whatever it likes
     const std::lock_guard lock(mutex_);
     stopping_ = true;
     dropped.swap(waiting_);
@@ -47,7 +47,7 @@ WorkPool::Ticket WorkPool::Push(int64_t bytes, Job job) {
 }
 
 bool WorkPool::Remove(Ticket ticket) {
-  Entry removed;  // destroyed after the lock is released: a job may own whatever it likes
+  Entry removed;  // destroyed without the lock
   {
     const std::lock_guard lock(mutex_);
     const auto found = std::find_if(waiting_.begin(), waiting_.end(),

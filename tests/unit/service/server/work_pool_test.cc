@@ -1,0 +1,177 @@
+#include "service/server/work_pool.h"
+
+#include <atomic>
+#include <future>
+#include <latch>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "service/server/call_tracker.h"
+#include "service/server/memory_budget.h"
+#include "tests/support/status_matchers.h"
+
+namespace fovea::server {
+namespace {
+
+using ::fovea::testing::FailsWith;
+using std::chrono::milliseconds;
+
+WorkPool::Limits Limits(int threads, int max_waiting, int64_t max_running_bytes = INT64_MAX) {
+  return {.name = "test queue",
+          .flag = "--queue 1",
+          .threads = threads,
+          .max_waiting = max_waiting,
+          .max_running_bytes = max_running_bytes};
+}
+
+/// A job that tells when it started and then waits to be let go.
+class Gate {
+ public:
+  WorkPool::Job Job() {
+    return [this](int) {
+      started_.set_value();
+      open_.get_future().wait();
+    };
+  }
+  void AwaitStart() { started_.get_future().wait(); }
+  void Open() { open_.set_value(); }
+
+ private:
+  std::promise<void> started_, open_;
+};
+
+TEST(WorkPoolTest, RunsEveryJobOnce) {
+  std::atomic<int> runs = 0;
+  std::latch done(200);
+  WorkPool pool(Limits(3, 1000));
+  for (int i = 0; i < 200; ++i) {
+    ASSERT_OK(pool.Submit(0,
+                          [&](int) {
+                            ++runs;
+                            done.count_down();
+                          })
+                  .status());
+  }
+  done.wait();
+  EXPECT_EQ(runs, 200);
+}
+
+TEST(WorkPoolTest, AFullQueueRefusesAndNamesTheLimit) {
+  Gate gate;
+  WorkPool pool(Limits(1, 1));
+  ASSERT_OK(pool.Submit(0, gate.Job()).status());
+  gate.AwaitStart();
+  ASSERT_OK(pool.Submit(0, [](int) {}).status());
+  EXPECT_THAT(pool.Submit(0, [](int) {}),
+              FailsWith(absl::StatusCode::kResourceExhausted,
+                        "test queue is full: 1 calls wait already (--queue 1)"));
+  std::promise<void> admitted;
+  pool.SubmitAdmitted(0, [&](int) { admitted.set_value(); });
+  gate.Open();
+  admitted.get_future().wait();
+}
+
+TEST(WorkPoolTest, WhatIsRemovedNeverRunsAndFreesItsPlace) {
+  Gate gate;
+  std::atomic<bool> ran = false;
+  {
+    WorkPool pool(Limits(1, 1));
+    ASSERT_OK_AND_ASSIGN(const auto running, pool.Submit(0, gate.Job()));
+    gate.AwaitStart();
+    ASSERT_OK_AND_ASSIGN(const auto waiting, pool.Submit(0, [&](int) { ran = true; }));
+    EXPECT_TRUE(pool.Remove(waiting));
+    EXPECT_FALSE(pool.Remove(waiting));
+    EXPECT_FALSE(pool.Remove(running));
+    std::promise<void> next;
+    ASSERT_OK(pool.Submit(0, [&](int) { next.set_value(); }).status());
+    gate.Open();
+    next.get_future().wait();
+  }
+  EXPECT_FALSE(ran);
+}
+
+TEST(WorkPoolTest, JobsThatNeedTooMuchMemoryTogetherRunOneAfterTheOther) {
+  std::atomic<int64_t> used = 0;
+  std::atomic<int64_t> most = 0;
+  std::latch done(40);
+  WorkPool pool(Limits(4, 100, 10));
+  for (int i = 0; i < 40; ++i) {
+    const int64_t bytes = i % 10 == 0 ? 50 : 1 + i % 6;  // 50 is above the limit: alone
+    ASSERT_OK(pool.Submit(bytes,
+                          [&, bytes](int) {
+                            const int64_t now = used += bytes;
+                            int64_t before = most;
+                            while (now > before && !most.compare_exchange_weak(before, now)) {
+                            }
+                            used -= bytes;
+                            done.count_down();
+                          })
+                  .status());
+  }
+  done.wait();
+  EXPECT_EQ(most, 50);
+}
+
+TEST(WorkPoolTest, AJobAloneGetsAllThreads) {
+  std::promise<int> alone;
+  std::promise<int> second;
+  Gate gate;
+  WorkPool pool(Limits(4, 10));
+  ASSERT_OK(pool.Submit(0, [&](int threads) { alone.set_value(threads); }).status());
+  EXPECT_EQ(alone.get_future().get(), 4);
+  ASSERT_OK(pool.Submit(0, gate.Job()).status());
+  gate.AwaitStart();
+  ASSERT_OK(pool.Submit(0, [&](int threads) { second.set_value(threads); }).status());
+  EXPECT_LE(second.get_future().get(), 2);
+  gate.Open();
+}
+
+TEST(WorkPoolTest, TheEndDropsWhatWaits) {
+  Gate gate;
+  std::atomic<bool> ran = false;
+  const auto held = std::make_shared<int>(0);
+  std::future<void> opener;
+  {
+    WorkPool pool(Limits(1, 10));
+    ASSERT_OK(pool.Submit(0, gate.Job()).status());
+    gate.AwaitStart();
+    ASSERT_OK(pool.Submit(0, [&ran, held](int) { ran = true; }).status());
+    // The dropped job goes before the running one is waited for.
+    opener = std::async(std::launch::async, [&] {
+      while (held.use_count() > 1) {
+        std::this_thread::yield();
+      }
+      gate.Open();
+    });
+  }
+  EXPECT_FALSE(ran);
+}
+
+TEST(MemoryBudgetTest, GivesBackWhatWasReserved) {
+  MemoryBudget budget(int64_t{100} << 20);
+  {
+    ASSERT_OK_AND_ASSIGN(auto first, budget.Reserve(int64_t{60} << 20));
+    EXPECT_THAT(budget.Reserve(int64_t{60} << 20),
+                FailsWith(absl::StatusCode::kResourceExhausted, "limit is 100 MiB"));
+    MemoryBudget::Reservation moved = std::move(first);
+    EXPECT_FALSE(budget.Reserve(int64_t{60} << 20).ok());
+  }
+  EXPECT_OK(budget.Reserve(int64_t{100} << 20).status());
+}
+
+TEST(CallTrackerTest, DrainsToNothing) {
+  CallTracker calls;
+  auto slot = calls.Enter();
+  ASSERT_TRUE(slot.has_value());
+  CallTracker::Slot kept = *std::move(slot);
+  calls.StopAdmitting();
+  EXPECT_FALSE(calls.Enter().has_value());
+  EXPECT_EQ(calls.WaitIdle(milliseconds(1)), 1);
+  auto idle = std::async(std::launch::async, [&] { return calls.WaitIdle(milliseconds(60'000)); });
+  kept = CallTracker::Slot();
+  EXPECT_EQ(idle.get(), 0);
+}
+
+}  // namespace
+}  // namespace fovea::server
