@@ -30,8 +30,8 @@ inline float ExpNegative(float x) {
     return 0.0F;
   }
   const float t = x * 1.44269504F;
-  const float whole = std::floor(t + 0.5F);
-  const float f = (t - whole) * 0.693147181F;  // 2^fraction = e^f, |f| <= ln(2) / 2
+  const auto whole = static_cast<int32_t>(t - 0.5F);               // nearest, as t <= 0
+  const float f = (t - static_cast<float>(whole)) * 0.693147181F;  // e^f is 2^(t - whole)
   float p = 1.0F / 5040;
   p = p * f + 1.0F / 720;
   p = p * f + 1.0F / 120;
@@ -40,7 +40,7 @@ inline float ExpNegative(float x) {
   p = p * f + 0.5F;
   p = p * f + 1.0F;
   p = p * f + 1.0F;
-  return p * std::bit_cast<float>((static_cast<int32_t>(whole) + 127) << 23);
+  return p * std::bit_cast<float>((whole + 127) << 23);
 }
 
 /// Colour and extinction (per voxel length) of a value, interpolated in the table.
