@@ -138,52 +138,70 @@ CoefficientSet ForwardHaar(const BrickGrid& voxels, const Hierarchy& hierarchy, 
 
 namespace {
 
-/// One row of children from one row of parents and, where the window has it, of detail.
-struct RowInverse {
-  const Grid& parent;
-  const Box3& window;
-  std::span<const float> detail;
+/// Rows of children from rows of parents and, where the window has them, of detail.
+class RowInverse {
+ public:
+  RowInverse(const Grid& parent, const Box3& window, std::span<const float> detail,
+             const Int3& child_dims)
+      : parent_(parent), window_(window), detail_(detail), child_dims_(child_dims) {}
 
-  [[nodiscard]] float Child(int64_t x, int64_t y, int64_t z) const {
-    const int64_t px = x >> 1;
-    const int64_t py = y >> 1;
-    const int64_t pz = z >> 1;
-    const float mean = parent.At(px, py, pz);
-    if (!window.Contains(Int3{px, py, pz})) {
-      return mean;
+  /// Fills the row of `child` at (y, z), which may lie outside the volume.
+  void Fill(int64_t y, int64_t z, Grid* child) const {
+    const int64_t py = std::clamp<int64_t>(y, 0, child_dims_.y - 1);
+    const int64_t pz = std::clamp<int64_t>(z, 0, child_dims_.z - 1);
+    const int64_t first = std::max<int64_t>(child->box.lo.x, 0);
+    const int64_t last = std::min(child->box.hi.x, child_dims_.x);
+    float* row = child->Row(y, z) - child->box.lo.x;  // of x = 0
+    const float* means = parent_.Row(py >> 1, pz >> 1) - parent_.box.lo.x;
+    for (int64_t x = first; x < last; ++x) {
+      row[x] = means[x >> 1];
     }
-    const Int3 size = window.Size();
+    if (window_.Contains(Int3{window_.lo.x, py >> 1, pz >> 1})) {
+      AddDetail(means, py, pz, first, last, row);
+    }
+    std::fill(row + child->box.lo.x, row + first, row[first]);
+    std::fill(row + last, row + child->box.hi.x, row[last - 1]);
+  }
+
+ private:
+  /// The eight children of a parent are its mean with all combinations of signs of its detail.
+  void AddDetail(const float* means, int64_t y, int64_t z, int64_t first, int64_t last,
+                 float* row) const {
+    const Int3 size = window_.Size();
     const int64_t plane = size.Product();
-    const float* d = detail.data() + ((pz - window.lo.z) * size.y + py - window.lo.y) * size.x +
-                     px - window.lo.x;
-    const double sx = (x & 1) != 0 ? -1.0 : 1.0;
+    const float* d = detail_.data() +
+                     (((z >> 1) - window_.lo.z) * size.y + (y >> 1) - window_.lo.y) * size.x -
+                     window_.lo.x;  // of parent x = 0
     const double sy = (y & 1) != 0 ? -1.0 : 1.0;
     const double sz = (z & 1) != 0 ? -1.0 : 1.0;
-    const double low_z = mean + sx * d[0] + sy * (d[plane] + sx * d[2 * plane]);
-    const double high_z =
-        d[3 * plane] + sx * d[4 * plane] + sy * (d[5 * plane] + sx * d[6 * plane]);
-    return static_cast<float>(low_z + sz * high_z);
+    for (int64_t px = window_.lo.x; px < window_.hi.x; ++px) {
+      const float* at = d + px;
+      const double low = means[px] + sy * at[plane] + sz * (at[3 * plane] + sy * at[5 * plane]);
+      const double high = at[0] + sy * at[2 * plane] + sz * (at[4 * plane] + sy * at[6 * plane]);
+      if (2 * px >= first && 2 * px < last) {
+        row[2 * px] = static_cast<float>(low + high);
+      }
+      if (2 * px + 1 >= first && 2 * px + 1 < last) {
+        row[2 * px + 1] = static_cast<float>(low - high);
+      }
+    }
   }
+
+  const Grid& parent_;
+  const Box3& window_;
+  std::span<const float> detail_;
+  const Int3& child_dims_;
 };
 
 }  // namespace
 
 void InverseHaarLevel(const Grid& parent, const Box3& window, std::span<const float> detail,
                       const Int3& child_dims, int threads, Grid* child) {
-  const RowInverse inverse{parent, window, detail};
-  const Box3& box = child->box;
-  const auto clamped = [&](int64_t value, int axis) {
-    return std::clamp<int64_t>(value, 0, child_dims[axis] - 1);
-  };
-  ParallelFor(box.lo.z, box.hi.z, 4, threads, [&](int64_t first, int64_t last) {
+  const RowInverse inverse(parent, window, detail, child_dims);
+  ParallelFor(child->box.lo.z, child->box.hi.z, 4, threads, [&](int64_t first, int64_t last) {
     for (int64_t z = first; z < last; ++z) {
-      for (int64_t y = box.lo.y; y < box.hi.y; ++y) {
-        float* row = child->Row(y, z);
-        const int64_t cy = clamped(y, 1);
-        const int64_t cz = clamped(z, 2);
-        for (int64_t x = box.lo.x; x < box.hi.x; ++x) {
-          row[x - box.lo.x] = inverse.Child(clamped(x, 0), cy, cz);
-        }
+      for (int64_t y = child->box.lo.y; y < child->box.hi.y; ++y) {
+        inverse.Fill(y, z, child);
       }
     }
   });
