@@ -1,0 +1,191 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "service/cli/commands.h"
+
+namespace fovea::cli {
+namespace {
+
+using ::testing::HasSubstr;
+
+template <typename T>
+T Parsed(const std::vector<std::string>& arguments) {
+  const ParseResult result = ParseCommandLine(arguments);
+  EXPECT_TRUE(result.command.has_value()) << result.text;
+  return result.command ? std::get<T>(*result.command) : T{};
+}
+
+TEST(Parse, RenderTakesEveryPictureFlag) {
+  const auto command = Parsed<RenderCommand>(
+      {"render",         "a.zarr",      "--step",      "30",
+       "--field",        "heat",        "--fovea",     "1,2,3w",
+       "--rate",         "12.5",        "--view",      "-30,20",
+       "--span",         "64",          "--center",    "4,5,6",
+       "--size",         "320x200",     "--transfer",  "0:0,0,0:0;1:1,1,1:0.1",
+       "--weighting",    "falloff:0.1", "--smoothing", "image",
+       "--background",   "1,1,1",       "--quality",   "80",
+       "--fovea-marker", "--strict",    "--threads",   "3",
+       "--json",         "-q",          "-o",          "f.jpg"});
+  EXPECT_EQ(command.input.inputs, std::vector<std::string>{"a.zarr"});
+  EXPECT_EQ(command.input.threads, 3);
+  EXPECT_EQ(command.step, 30);
+  EXPECT_EQ(command.file, "f.jpg");
+  const frames::FrameSpec& spec = command.spec;
+  EXPECT_EQ(spec.field, "heat");
+  EXPECT_EQ(spec.fovea, (frames::Position{{1, 2, 3}, true}));
+  EXPECT_EQ(spec.rate, 12.5);
+  EXPECT_EQ(spec.view.azimuth_deg, -30);
+  EXPECT_EQ(spec.view.elevation_deg, 20);
+  EXPECT_EQ(spec.view.span_voxels, 64);
+  EXPECT_EQ(spec.view.center, (frames::Position{{4, 5, 6}}));
+  EXPECT_EQ(spec.width_px, 320);
+  EXPECT_EQ(spec.height_px, 200);
+  EXPECT_EQ(spec.transfer->points.size(), 2U);
+  EXPECT_EQ(spec.weighting->falloff_per_voxel, 0.1);
+  EXPECT_EQ(spec.smoothing, render::Smoothing::kImage);
+  EXPECT_EQ(spec.background, (render::Color{1, 1, 1}));
+  EXPECT_EQ(spec.jpeg_quality, 80);
+  EXPECT_TRUE(spec.fovea_marker && spec.strict);
+  EXPECT_EQ(spec.encoding, frames::Encoding::kJpeg);
+  EXPECT_TRUE(command.output.json && command.output.quiet);
+}
+
+TEST(Parse, NothingSaidIsNothingSet) {
+  const auto command = Parsed<RenderCommand>({"render", "a.zarr", "-o", "f.npy"});
+  frames::FrameSpec expected;
+  expected.encoding = frames::Encoding::kRawRgbaF32;
+  EXPECT_EQ(command.spec, expected);
+  EXPECT_FALSE(command.input.server.has_value());
+}
+
+TEST(Parse, IngestTakesRawFormats) {
+  const auto command = Parsed<IngestCommand>({"ingest",
+                                              "a.raw",
+                                              "b.raw",
+                                              "-o",
+                                              "x.zarr",
+                                              "--raw",
+                                              "4x5x6:int16:be",
+                                              "--header-bytes",
+                                              "62",
+                                              "--spacing",
+                                              "1,1,2.5",
+                                              "--field",
+                                              "ct",
+                                              "--fps",
+                                              "2",
+                                              "--on-missing",
+                                              "hold",
+                                              "--chunk",
+                                              "8",
+                                              "--append",
+                                              "--worker-memory",
+                                              "2GB",
+                                              "--worker-seconds",
+                                              "9"});
+  const ingest::IngestOptions& options = command.ingest;
+  EXPECT_EQ(options.inputs, (std::vector<std::string>{"a.raw", "b.raw"}));
+  ASSERT_TRUE(options.raw.has_value());
+  EXPECT_EQ(options.raw->dims, (Int3{4, 5, 6}));
+  EXPECT_TRUE(options.raw->big_endian);
+  EXPECT_EQ(options.raw->header_bytes, 62);
+  EXPECT_EQ(options.spacing, (Vec3{1, 1, 2.5}));
+  EXPECT_EQ(options.field, "ct");
+  EXPECT_EQ(options.frames_per_second, 2);
+  EXPECT_EQ(options.on_missing, ingest::OnMissing::kHold);
+  EXPECT_EQ(options.chunk_edge, 8);
+  EXPECT_TRUE(options.append);
+  EXPECT_EQ(options.worker.memory_bytes, int64_t{2} << 30);
+}
+
+TEST(Parse, GridsMayBeNamedMoreThanOnceBetweenInputs) {
+  const auto command = Parsed<IngestCommand>(
+      {"ingest", "--grid", "density", "a.vdb", "--grid", "heat", "b.vdb", "-o", "x.zarr"});
+  EXPECT_EQ(command.ingest.grids, (std::vector<std::string>{"density", "heat"}));
+  EXPECT_EQ(command.ingest.inputs, (std::vector<std::string>{"a.vdb", "b.vdb"}));
+}
+
+TEST(Parse, ExportAndTheOthers) {
+  const auto command = Parsed<ExportCommand>({"export", "a.zarr", "--steps", "2-9x3", "--shard",
+                                              "1/2", "--orbit", "90", "--orbit-frames", "12",
+                                              "--fps", "30", "--overwrite", "-o", "f.####.exr"});
+  EXPECT_EQ(command.steps, (StepRange{2, 9, 3}));
+  EXPECT_EQ(command.shard, (Shard{1, 2}));
+  EXPECT_EQ(command.orbit_deg, 90);
+  EXPECT_EQ(command.orbit_frames, 12);
+  EXPECT_EQ(command.frames_per_second, 30);
+  EXPECT_TRUE(command.overwrite);
+  EXPECT_EQ(Parsed<InfoCommand>({"info", "--server", "h:1"}).server, "h:1");
+  EXPECT_EQ(Parsed<StatsCommand>({"stats", "a.zarr", "--steps", "3"}).steps, (StepRange{3, 3, 1}));
+  EXPECT_EQ(Parsed<VerifyCommand>({"verify", "a.zarr"}).dataset, "a.zarr");
+  EXPECT_EQ(
+      Parsed<ExtractCommand>({"extract", "a.zarr", "--box", "0,0,0,1,2,3", "-o", "x.raw"}).box,
+      (Box3{{0, 0, 0}, {1, 2, 3}}));
+  EXPECT_EQ(Parsed<DemoCommand>({"demo", "--out", "d", "--steps", "4"}).steps, 4);
+}
+
+TEST(Parse, ServePassesEverythingOn) {
+  const auto command = Parsed<ServeCommand>({"serve", "root", "--listen", "127.0.0.1:0", "--help"});
+  EXPECT_EQ(command.arguments,
+            (std::vector<std::string>{"root", "--listen", "127.0.0.1:0", "--help"}));
+}
+
+TEST(Parse, HelpAndVersionEndWithZero) {
+  const ParseResult version = ParseCommandLine({"--version"});
+  EXPECT_EQ(version.exit_status, 0);
+  EXPECT_THAT(version.text, HasSubstr("baseline"));
+  for (const char* verb :
+       {"ingest", "info", "stats", "verify", "extract", "render", "export", "demo"}) {
+    const ParseResult help = ParseCommandLine({verb, "--help"});
+    EXPECT_EQ(help.exit_status, 0) << verb;
+    EXPECT_FALSE(help.command.has_value());
+    EXPECT_THAT(help.text, HasSubstr("Examples:\n  fovea "));
+    EXPECT_THAT(ParseCommandLine({"--help"}).text, HasSubstr(verb));
+  }
+}
+
+struct Wrong {
+  std::vector<std::string> arguments;
+  std::string text;
+};
+
+TEST(Parse, WrongUsageEndsWithTwoAndNamesTheFlag) {
+  const std::vector<Wrong> wrongs = {
+      {{}, "subcommand"},
+      {{"dance"}, "dance"},
+      {{"render", "-o", "f.png"}, "input is required"},
+      {{"render", "a.zarr"}, "--output is required"},
+      {{"render", "a.zarr", "-o", "f.gif"}, "--output: 'f.gif'"},
+      {{"render", "a.zarr", "-o", "f.png", "--rate", "0"}, "rate 0 is outside its range"},
+      {{"render", "a.zarr", "-o", "f.png", "--rate", "nan"}, "rate nan"},
+      {{"render", "a.zarr", "-o", "f.png", "--rate", "many"}, "--rate: 'many'"},
+      {{"render", "a.zarr", "-o", "f.png", "--size", "100000x100000"}, "width_px 100000"},
+      {{"render", "a.zarr", "-o", "f.png", "--fovea", "1,2"}, "--fovea: '1,2'"},
+      {{"render", "a.zarr", "-o", "f.png", "--fovea", "1,2,inf"}, "fovea inf"},
+      {{"render", "a.zarr", "-o", "f.png", "--view", "0,91"}, "elevation_deg 91"},
+      {{"render", "a.zarr", "-o", "f.png", "--transfer", "x"}, "--transfer"},
+      {{"render", "a.zarr", "-o", "f.png", "--step", "-1"}, "--step"},
+      {{"render", "a.zarr", "-o", "f.png", "--stride", "2"}, "--stride"},
+      {{"render", "a.zarr", "-o", "f.exr", "--fovea-marker"}, "fovea_marker"},
+      {{"render", "a", "b", "--server", "h:1", "-o", "f.png"}, "--server"},
+      {{"export", "a.zarr", "-o", "f.png"}, "no place for the frame's number"},
+      {{"export", "a.zarr", "-o", "f.mp4", "--shard", "0/2"}, "shard 0/2"},
+      {{"export", "a.zarr", "-o", "f.mp4", "--steps", "5-3"}, "--steps: '5-3'"},
+      {{"export", "a.zarr", "-o", "f.mp4", "--orbit", "9", "--animation", "a.json"}, "--orbit"},
+      {{"ingest", "a.raw", "-o", "x.zarr", "--raw", "4x5:uint8"}, "--raw"},
+      {{"ingest", "a.raw", "-o", "x.zarr", "--header-bytes", "4"}, "--header-bytes"},
+      {{"ingest", "a.raw", "-o", "x.zarr", "--chunk", "7"}, "--chunk"},
+      {{"extract", "a.zarr", "-o", "x.txt"}, "--output"},
+      {{"info"}, "dataset is missing"},
+  };
+  for (const Wrong& wrong : wrongs) {
+    const ParseResult result = ParseCommandLine(wrong.arguments);
+    EXPECT_FALSE(result.command.has_value()) << wrong.text;
+    EXPECT_EQ(result.exit_status, 2) << wrong.text;
+    EXPECT_THAT(result.text, HasSubstr(wrong.text));
+    EXPECT_THAT(result.text, HasSubstr("--help`"));
+  }
+}
+
+}  // namespace
+}  // namespace fovea::cli

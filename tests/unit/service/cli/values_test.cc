@@ -1,0 +1,144 @@
+#include "service/cli/values.h"
+
+#include <cmath>
+#include <fstream>
+
+#include "service/cli/console.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temporary_folder.h"
+
+namespace fovea::cli {
+namespace {
+
+using ::fovea::testing::FailsWith;
+using ::fovea::testing::TemporaryFolder;
+
+constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+
+template <typename Parser>
+void ExpectBad(Parser parser, const std::vector<std::string>& texts) {
+  for (const std::string& text : texts) {
+    EXPECT_THAT(parser(text), FailsWith(kInvalid, "'" + text + "'"));
+  }
+}
+
+TEST(Values, Positions) {
+  EXPECT_EQ(*ParsePosition("1,2.5,-3"), (frames::Position{{1, 2.5, -3}, false}));
+  EXPECT_EQ(*ParsePosition("1e2, 0 ,.5w"), (frames::Position{{100, 0, 0.5}, true}));
+  EXPECT_TRUE(std::isnan(ParsePosition("nan,0,0")->at.x));  // ranges are checked later
+  ExpectBad(ParsePosition, {"", "1,2", "1,2,3,4", "1,2,x", "1,,3", "w", "1;2;3", "1,2,3ww"});
+  EXPECT_EQ(FormatPosition({{0.1, 2, -3}, true}), "0.1,2,-3w");
+}
+
+TEST(Values, ViewsSizesBoxes) {
+  EXPECT_EQ(*ParseView("-30,20"), std::pair(-30.0, 20.0));
+  ExpectBad(ParseView, {"30", "1,2,3", "a,b"});
+  EXPECT_EQ(*ParseSize("640x480"), (std::pair<int64_t, int64_t>(640, 480)));
+  EXPECT_EQ(*ParseSize("100000x100000"), (std::pair<int64_t, int64_t>(100000, 100000)));
+  ExpectBad(ParseSize, {"640", "640x", "x480", "64.0x48", "640x480x3", "99999999999999999999x1"});
+  EXPECT_EQ(*ParseBox("0,1,2,3,4,5"), (Box3{{0, 1, 2}, {3, 4, 5}}));
+  ExpectBad(ParseBox, {"0,0,0,1,1", "0,0,0,0,1,1", "5,0,0,1,1,1", "0,0,0,1,1,1.5"});
+}
+
+TEST(Values, Steps) {
+  EXPECT_EQ(*ParseSteps("7"), (StepRange{7, 7, 1}));
+  EXPECT_EQ(*ParseSteps("0-120x2"), (StepRange{0, 120, 2}));
+  EXPECT_EQ(*ParseSteps("3-"), (StepRange{3, std::nullopt, 1}));
+  EXPECT_EQ(*ParseSteps("3-x4"), (StepRange{3, std::nullopt, 4}));
+  ExpectBad(ParseSteps,
+            {"", "-", "-3", "5-3", "1-2x0", "1-2x", "1-2x-1", "a", "1-b", "1.5", "1-2-3"});
+}
+
+TEST(Values, ShardsWeightingsSmoothingsColours) {
+  EXPECT_EQ(*ParseShard("0/1"), (Shard{0, 1}));
+  EXPECT_EQ(*ParseShard("3/4"), (Shard{3, 4}));
+  ExpectBad(ParseShard, {"4/4", "-1/4", "1", "1/0", "a/b"});
+  EXPECT_EQ(ParseWeighting("chop")->kind, render::Weighting::Kind::kChop);
+  EXPECT_EQ(ParseWeighting("falloff:0.25")->falloff_per_voxel, 0.25);
+  ExpectBad(ParseWeighting, {"", "falloff", "falloff:", "falloff:x", "None"});
+  for (const char* text : {"none", "chop", "falloff:0.1"}) {
+    EXPECT_EQ(FormatWeighting(*ParseWeighting(text)), text);
+  }
+  for (const char* text : {"none", "image", "full"}) {
+    EXPECT_STREQ(SmoothingName(*ParseSmoothing(text)), text);
+  }
+  ExpectBad(ParseSmoothing, {"", "FULL", "half"});
+  EXPECT_EQ(*ParseColor("0,0.5,1"), (render::Color{0, 0.5F, 1}));
+  ExpectBad(ParseColor, {"red", "1,1", "1,1,1,1"});
+}
+
+TEST(Values, TransferFunctionsFromTextAndFile) {
+  ASSERT_OK_AND_ASSIGN(const auto transfer, ParseTransfer("0:0,0,0:0;1:1,0.5,0:0.25"));
+  ASSERT_EQ(transfer.points.size(), 2U);
+  EXPECT_EQ(transfer.points[1].color.green, 0.5F);
+  const TemporaryFolder folder;
+  const std::string path = folder / "tf.json";
+  std::ofstream(path) << R"([{"value":0,"color":[0,0,0],"opacity":0},
+                            {"value":1,"color":[1,0.5,0],"opacity":0.25}])";
+  EXPECT_EQ(*ParseTransfer(path), transfer);
+  std::ofstream(path) << "nonsense";
+  EXPECT_THAT(ParseTransfer(path), FailsWith(kInvalid, path));
+  std::ofstream(path) << std::string(2 << 20, ' ');
+  EXPECT_THAT(ParseTransfer(path), FailsWith(kInvalid, "longer than 1 MiB"));
+  EXPECT_THAT(ParseTransfer(folder / "no.json"),
+              FailsWith(absl::StatusCode::kNotFound, "cannot be opened"));
+}
+
+TEST(Values, ShellQuoting) {
+  EXPECT_EQ(ShellQuote("density"), "density");
+  EXPECT_EQ(ShellQuote("a b;c"), "'a b;c'");
+  EXPECT_EQ(ShellQuote("it's"), "'it'\\''s'");
+  EXPECT_EQ(ShellQuote(""), "''");
+}
+
+frames::FrameSpec Resolved() {
+  frames::FrameSpec spec;
+  spec.field = "density";
+  spec.view = {30, -20.5, frames::Position{{20, 16, 24}}, 70.25};
+  spec.fovea = frames::Position{{19, 0.1, 24}};
+  spec.rate = 40;
+  spec.transfer = *ParseTransfer("0:0,0,0:0;1:1,0.5,0:0.1");
+  spec.weighting = render::Weighting{};
+  spec.smoothing = render::Smoothing::kFull;
+  spec.width_px = 640;
+  spec.height_px = 480;
+  spec.jpeg_quality = 90;
+  spec.background = render::Color{};
+  return spec;
+}
+
+TEST(PinningFlags, SayEverythingAndLeaveOutWhatAllChooseAlike) {
+  frames::FrameSpec spec = Resolved();
+  EXPECT_EQ(PinningFlags(spec, {40, 32, 48}),
+            "--field density --fovea 19,0.1,24 --rate 40 --view 30,-20.5 --span 70.25 "
+            "--size 640x480 --transfer '0:0,0,0:0;1:1,0.5,0:0.1' --weighting none "
+            "--smoothing full");
+  spec.background->red = 0.5F;
+  spec.fovea_marker = true;
+  spec.strict = true;
+  const std::string flags = PinningFlags(spec, {40, 32, 50});
+  EXPECT_NE(flags.find("--center 20,16,24 --background 0.5,0,0 --fovea-marker --strict"),
+            std::string::npos)
+      << flags;
+}
+
+TEST(WithFlag, NamesTheFlagOfTheFieldThatTheMessageStartsWith) {
+  EXPECT_EQ(WithFlag("rate 0 is bad"), "--rate: rate 0 is bad");
+  EXPECT_EQ(WithFlag("width_px 7"), "--size: width_px 7");
+  EXPECT_EQ(WithFlag("server a:1: fovea 1, 2, 3 is outside"),
+            "--fovea: server a:1: fovea 1, 2, 3 is outside");
+  EXPECT_EQ(WithFlag("rated highly"), "rated highly");
+  EXPECT_EQ(WithFlag(""), "");
+}
+
+TEST(Human, BytesAndSeconds) {
+  EXPECT_EQ(HumanBytes(1023), "1023 B");
+  EXPECT_EQ(HumanBytes(1536), "1.5 KiB");
+  EXPECT_EQ(HumanBytes(uint64_t{3} << 40), "3.0 TiB");
+  EXPECT_EQ(HumanSeconds(1.26), "1.3 s");
+  EXPECT_EQ(HumanSeconds(75), "1 min 15 s");
+  EXPECT_EQ(HumanSeconds(7300), "2 h 1 min");
+}
+
+}  // namespace
+}  // namespace fovea::cli

@@ -1,0 +1,79 @@
+#include "service/export/animation.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace fovea::exports {
+namespace {
+
+using ::fovea::testing::FailsWith;
+
+constexpr const char* kShot = R"({"frames": 11, "keys": [
+  {"frame": 0, "view": [0, 20], "rate": 40, "step": 0},
+  {"frame": 5, "fovea": [1, 2, 3]},
+  {"frame": 10, "view": [90, -20], "rate": 20, "step": 3, "fovea": [11, 2, 3], "span": 60}]})";
+
+TEST(Animation, IsLinearBetweenKeysAndConstantOutside) {
+  ASSERT_OK_AND_ASSIGN(const Animation animation, Animation::Parse(kShot));
+  EXPECT_EQ(animation.frames(), 11);
+  frames::FrameSpec base;
+  base.width_px = 77;
+  const frames::FrameSpec first = animation.SpecAt(0, base);
+  EXPECT_EQ(first.width_px, 77);
+  EXPECT_EQ(first.view.azimuth_deg, 0);
+  EXPECT_EQ(first.fovea, (frames::Position{{1, 2, 3}}));  // before its first key
+  EXPECT_EQ(first.view.span_voxels, 60);
+  const frames::FrameSpec middle = animation.SpecAt(5, base);
+  EXPECT_EQ(middle.view.azimuth_deg, 45);
+  EXPECT_EQ(middle.view.elevation_deg, 0);
+  EXPECT_EQ(middle.rate, 30);
+  EXPECT_EQ(animation.SpecAt(8, base).fovea, (frames::Position{{7, 2, 3}}));
+  EXPECT_EQ(animation.SpecAt(10, base).view.azimuth_deg, 90);
+  EXPECT_EQ(animation.StepAt(0), 0);
+  EXPECT_EQ(animation.StepAt(4), 1);  // 1.2
+  EXPECT_EQ(animation.StepAt(5), 2);  // 1.5
+  EXPECT_EQ(animation.StepAt(10), 3);
+}
+
+TEST(Animation, WhatNoKeySaysStaysAsItWas) {
+  ASSERT_OK_AND_ASSIGN(const Animation animation,
+                       Animation::Parse(R"({"frames": 3, "keys": [{"frame": 1, "rate": 9}]})"));
+  frames::FrameSpec base;
+  base.view.azimuth_deg = 12;
+  EXPECT_EQ(animation.SpecAt(2, base).view.azimuth_deg, 12);
+  EXPECT_FALSE(animation.SpecAt(2, base).fovea.has_value());
+  EXPECT_EQ(animation.SpecAt(2, base).rate, 9);
+  EXPECT_FALSE(animation.StepAt(2).has_value());
+}
+
+TEST(Animation, AnOrbitStopsOnePartBeforeItsStart) {
+  const Animation orbit = Animation::Orbit(10, 5, 360, 4);
+  EXPECT_EQ(orbit.frames(), 4);
+  EXPECT_EQ(orbit.SpecAt(0, {}).view.azimuth_deg, 10);
+  EXPECT_EQ(orbit.SpecAt(1, {}).view.azimuth_deg, 100);
+  EXPECT_EQ(orbit.SpecAt(3, {}).view.azimuth_deg, 280);
+  EXPECT_EQ(orbit.SpecAt(3, {}).view.elevation_deg, 5);
+}
+
+TEST(Animation, SaysWhatIsWrong) {
+  const auto fails = [](const std::string& text, const std::string& message) {
+    EXPECT_THAT(Animation::Parse(text), FailsWith(absl::StatusCode::kInvalidArgument, message));
+  };
+  fails("{", "not valid JSON");
+  fails("[]", "\"frames\" and \"keys\"");
+  fails(R"({"frames": 0, "keys": [{"frame": 0}]})", "\"frames\"");
+  fails(R"({"frames": 1e9, "keys": [{"frame": 0}]})", "\"frames\"");
+  fails(R"({"frames": 2, "keys": []})", "\"keys\"");
+  fails(R"({"frames": 2, "keys": [{"frame": 0}], "loop": true})", "unknown key \"loop\"");
+  fails(R"({"frames": 2, "keys": [{"rate": 3}]})", "needs a whole number \"frame\"");
+  fails(R"({"frames": 2, "keys": [{"frame": 1}, {"frame": 1}]})", "must grow");
+  fails(R"({"frames": 2, "keys": [{"frame": 3}]})", "\"frame\" 3");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "zoom": 3}]})", "unknown key \"zoom\"");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "view": [1]}]})", "\"view\" must be");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "fovea": [1, 2, "x"]}]})", "\"fovea\" must be");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "rate": null}]})", "\"rate\" must be");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "step": -1}]})", "\"step\" must be");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "step": 1.5}]})", "\"step\" must be");
+}
+
+}  // namespace
+}  // namespace fovea::exports
