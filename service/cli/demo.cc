@@ -63,6 +63,14 @@ Status WriteStore(const DemoCommand& command, const std::string& path) {
   return absl::OkStatus();
 }
 
+frames::FrameSpec DemoView(double edge) {
+  frames::FrameSpec spec;
+  spec.view.azimuth_deg = 20;
+  spec.view.elevation_deg = -10;
+  spec.view.span_voxels = 1.2 * edge;
+  return spec;
+}
+
 struct DemoPicture {
   const char* name;
   const char* shows;
@@ -82,9 +90,7 @@ StatusOr<nlohmann::json> RenderPictures(const DemoCommand& command, const std::s
   };
   nlohmann::json made = nlohmann::json::array();
   for (const DemoPicture& picture : pictures) {
-    frames::FrameSpec spec;
-    spec.view.azimuth_deg = 20;
-    spec.view.elevation_deg = -10;
+    frames::FrameSpec spec = DemoView(edge);
     spec.fovea = frames::Position{edge * picture.fovea};
     spec.rate = picture.rate;
     spec.fovea_marker = picture.rate < edge;
@@ -105,8 +111,7 @@ StatusOr<std::optional<std::string>> ExportMovie(const DemoCommand& command,
                                                  exports::FrameProvider& provider) {
   exports::ExportOptions options;
   options.output = (fs::path(folder) / "plume.mp4").string();
-  options.spec.view.azimuth_deg = 20;
-  options.spec.view.elevation_deg = -10;
+  options.spec = DemoView(static_cast<double>(command.edge_voxels));
   options.overwrite = true;
   if (const Status tools = exports::CheckTools(options); !tools.ok()) {
     Note(command.output, fmt::format("note: no movie: {}", MessageOf(tools)));

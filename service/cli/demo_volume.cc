@@ -12,15 +12,17 @@ namespace {
 
 constexpr int64_t kBrickEdge = 16;
 
-/// Smooth, repeatable wrinkles in [-1, 1].
+/// Smooth, repeatable wrinkles of size about 1 and finer; within [-1.2, 1.2].
 double Wrinkles(double x, double y, double z) {
   double sum = 0;
   double gain = 0.5;
-  for (double scale = 9; scale < 80; scale *= 2.1) {
-    sum += gain * std::sin(scale * x + 1.7 * std::sin(0.6 * scale * z)) *
-           std::sin(scale * y + 1.3 * std::sin(0.7 * scale * x)) *
-           std::sin(scale * z + 1.1 * std::sin(0.8 * scale * y));
-    gain *= 0.62;
+  double scale = 11;
+  for (int octave = 0; octave < 4; ++octave) {
+    const double warp = std::sin(0.6 * scale * z + 2 * octave);
+    sum += gain * std::sin(scale * x + 1.7 * warp) * std::cos(scale * y - 1.3 * warp) *
+           std::sin(scale * z + 1.1 * std::sin(0.8 * scale * (x + y)));
+    gain *= 0.65;
+    scale *= 2.1;
   }
   return sum;
 }
@@ -28,21 +30,26 @@ double Wrinkles(double x, double y, double z) {
 /// Density at a point of the unit cube, z up.
 float Density(double x, double y, double z, double phase) {
   constexpr double kTurn = 2 * std::numbers::pi;
+  constexpr double kRoughness = 0.6;
   const double top = 0.35 + 0.6 * std::min(1.0, 1.6 * phase);
   if (z > top) {
     return 0;
   }
   // The axis is a helix that widens with height and turns with time.
   const double angle = kTurn * (1.1 * z - 1.5 * phase);
-  const double sway = 0.16 * z;
-  const double dx = x - 0.5 - sway * std::cos(angle);
-  const double dy = y - 0.5 - sway * std::sin(angle);
-  const double radius = 0.07 + 0.2 * z;
-  const double wrinkled = radius * (1 + 0.55 * Wrinkles(x, y, z - 0.8 * phase));
-  const double inside = 1 - std::hypot(dx, dy) / wrinkled;
-  const double puffs = 0.65 + 0.35 * std::sin(kTurn * (3 * z - 4 * phase));
-  const double fade = std::min(1.0, 6 * (top - z));
-  return static_cast<float>(std::clamp(2.2 * inside, 0.0, 1.0) * puffs * fade);
+  const double sway = 0.18 * z;
+  const double from_axis =
+      std::hypot(x - 0.5 - sway * std::cos(angle), y - 0.5 - sway * std::sin(angle));
+  const double radius = 0.08 + 0.22 * z;
+  if (from_axis > radius * (1 + 1.2 * kRoughness)) {
+    return 0;
+  }
+  const double wrinkles = Wrinkles(x, y, z - 0.8 * phase);
+  const double inside = 1 - from_axis / (radius * (1 + kRoughness * wrinkles));
+  const double puffs = 0.7 + 0.3 * std::sin(kTurn * (3 * z - 4 * phase));
+  const double fade = std::min({1.0, 6 * (top - z), 20 * z});
+  const double texture = std::clamp(0.75 + 0.6 * wrinkles, 0.1, 1.0);
+  return static_cast<float>(std::clamp(2.5 * inside, 0.0, 1.0) * puffs * fade * texture);
 }
 
 }  // namespace

@@ -34,19 +34,22 @@ json ToJson(const client::DatasetSummary& summary) {
                       {"minimum", field.minimum},
                       {"maximum", field.maximum}});
   }
-  return {{"name", summary.name},
-          {"nx", dims.x},
-          {"ny", dims.y},
-          {"nz", dims.z},
-          {"committed_steps", info.committed_steps},
-          {"fields", fields},
-          {"default_field", info.default_field},
-          {"wavelet", info.wavelet},
-          {"index_to_world", info.index_to_world.m},
-          {"world_unit", info.world_unit},
-          {"first_time_ns", summary.first_time_ns},
-          {"last_time_ns", summary.last_time_ns},
-          {"default_spec", frames::SpecToJson(summary.default_spec)}};
+  json value = {{"name", summary.name},
+                {"nx", dims.x},
+                {"ny", dims.y},
+                {"nz", dims.z},
+                {"committed_steps", info.committed_steps},
+                {"fields", fields},
+                {"default_field", info.default_field},
+                {"wavelet", info.wavelet},
+                {"index_to_world", info.index_to_world.m},
+                {"world_unit", info.world_unit},
+                {"first_time_ns", summary.first_time_ns},
+                {"last_time_ns", summary.last_time_ns}};
+  if (summary.default_spec.field) {
+    value["default_spec"] = frames::SpecToJson(summary.default_spec);
+  }
+  return value;
 }
 
 void Print(const client::DatasetSummary& summary) {
@@ -65,7 +68,7 @@ void Print(const client::DatasetSummary& summary) {
     PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}", field.name, field.minimum,
                           field.maximum, field.name == info.default_field ? " (default)" : ""));
   }
-  if (info.committed_steps > 0) {
+  if (summary.default_spec.field) {
     PrintLine(fmt::format("  pictures  {}", PinningFlags(summary.default_spec, dims)));
   }
 }

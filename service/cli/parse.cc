@@ -313,6 +313,23 @@ ParseResult Chosen(const CLI::App& app, Commands* commands) {
   return Checked("serve", &commands->serve);
 }
 
+/// What is wrong with the verb itself, for which CLI11 has no good words; empty if nothing is.
+std::string VerbProblem(const CLI::App& app, const std::vector<std::string>& arguments) {
+  if (!arguments.empty() && arguments[0].starts_with('-')) {
+    return "";
+  }
+  std::string verbs;
+  for (const CLI::App* verb : app.get_subcommands(nullptr)) {
+    if (!arguments.empty() && verb->get_name() == arguments[0]) {
+      return "";
+    }
+    verbs += (verbs.empty() ? "" : ", ") + verb->get_name();
+  }
+  const std::string what =
+      arguments.empty() ? "a verb is missing" : fmt::format("there is no verb '{}'", arguments[0]);
+  return fmt::format("{}; there are: {}", what, verbs);
+}
+
 const char* InstructionSet() {
 #if defined(__x86_64__)
   return "x86-64 baseline";
@@ -342,6 +359,9 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   AddRender(&app, &commands.render);
   AddExport(&app, &commands.exporting);
   AddServeAndDemo(&app, &commands);
+  if (const std::string problem = VerbProblem(app, arguments); !problem.empty()) {
+    return {std::nullopt, problem + "\nsee `fovea --help`", 2};
+  }
   try {
     app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
   } catch (const CLI::CallForHelp&) {

@@ -28,7 +28,7 @@ class RemoteProvider final : public FrameProvider {
   // The service tells time and number of a step with its frame only, so the smallest frames there
   // are get asked for.
   StatusOr<std::vector<StepInfo>> Describe(const std::vector<int64_t>& steps) override {
-    frames::FrameSpec tiny = summary_.default_spec;
+    frames::FrameSpec tiny;
     tiny.rate = 1;
     tiny.width_px = 1;
     tiny.height_px = 1;
@@ -98,6 +98,9 @@ StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(const std::string& address,
                                                     const std::string& dataset) {
   FOVEA_ASSIGN_OR_RETURN(auto client, client::Client::Connect(address));
   FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, client->GetDataset(dataset));
+  if (!summary.default_spec.field) {
+    return FailedPrecondition("server {}: {} has no committed step yet", address, dataset);
+  }
   return std::make_unique<RemoteProvider>(std::move(client), std::move(summary),
                                           fmt::format("{}/{}", address, dataset));
 }

@@ -151,8 +151,8 @@ struct Wrong {
 
 TEST(Parse, WrongUsageEndsWithTwoAndNamesTheFlag) {
   const std::vector<Wrong> wrongs = {
-      {{}, "subcommand"},
-      {{"dance"}, "dance"},
+      {{}, "a verb is missing; there are: ingest, info"},
+      {{"dance"}, "there is no verb 'dance'"},
       {{"render", "-o", "f.png"}, "input is required"},
       {{"render", "a.zarr"}, "--output is required"},
       {{"render", "a.zarr", "-o", "f.gif"}, "--output: 'f.gif'"},

@@ -17,7 +17,9 @@ std::vector<StepInfo> Steps(const std::vector<std::optional<int64_t>>& numbers) 
 
 std::vector<std::string> Paths(const ExportOptions& options, const std::vector<StepInfo>& steps) {
   std::vector<std::string> paths;
-  for (const PlannedFrame& frame : *PlanFrames(options, steps, 100, {})) {
+  const auto planned = PlanFrames(options, steps, 100, {});
+  EXPECT_OK(planned);
+  for (const PlannedFrame& frame : *planned) {
     paths.push_back(frame.path);
   }
   return paths;
