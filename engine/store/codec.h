@@ -13,7 +13,7 @@
 /// then the CRC32C of that frame (4 bytes, little-endian).
 namespace fovea::store {
 
-inline constexpr int kDefaultZstdLevel = 3;
+inline constexpr int kDefaultZstdLevel = 1;
 
 [[nodiscard]] uint32_t Crc32c(std::span<const std::byte> bytes);
 
