@@ -24,11 +24,11 @@ size_t ChunkTable::IndexInBlock(const Int3& chunk) const {
                              chunk.x % edge.x);
 }
 
-StatusOr<std::vector<float>> ChunkTable::Block(const Int3& block) {
+StatusOr<const std::vector<float>*> ChunkTable::Block(const Int3& block, uint64_t* bytes_read) {
   const std::lock_guard lock(mutex_);
   const std::array<int64_t, 3> key{block.z, block.y, block.x};
   if (const auto known = blocks_.find(key); known != blocks_.end()) {
-    return known->second;
+    return &known->second;
   }
   std::vector<float> values(static_cast<size_t>(layout_.table_edge.Product()));
   const std::string path = folder_ + "/" + SpaceChunkName(step_, block, /*with_bands=*/false);
@@ -38,29 +38,25 @@ StatusOr<std::vector<float>> ChunkTable::Block(const Int3& block) {
   } else if (!read.ok()) {
     return read.status();
   } else {
-    bytes_read_ += static_cast<uint64_t>(*read);
+    *bytes_read += static_cast<uint64_t>(*read);
   }
-  return blocks_[key] = std::move(values);
+  return &(blocks_[key] = std::move(values));
 }
 
 uint64_t ChunkTable::StoredChunks() {
   uint64_t stored = 0;
+  uint64_t bytes_read = 0;
   for (int64_t z = 0; z < layout_.tables.z; ++z) {
     for (int64_t y = 0; y < layout_.tables.y; ++y) {
       for (int64_t x = 0; x < layout_.tables.x; ++x) {
-        if (const StatusOr<std::vector<float>> block = Block({x, y, z}); block.ok()) {
-          stored += static_cast<uint64_t>(
-              std::count_if(block->begin(), block->end(), [](float v) { return v > 0; }));
+        if (const auto block = Block({x, y, z}, &bytes_read); block.ok()) {
+          stored += static_cast<uint64_t>(std::count_if((*block)->begin(), (*block)->end(),
+                                                        [](float value) { return value > 0; }));
         }
       }
     }
   }
   return stored;
-}
-
-uint64_t ChunkTable::bytes_read() const {
-  const std::lock_guard lock(mutex_);
-  return bytes_read_;
 }
 
 }  // namespace fovea::store

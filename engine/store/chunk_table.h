@@ -21,12 +21,11 @@ class ChunkTable {
              const LevelLayout& layout);
 
   /// One block, [z][y][x] of layout.table_edge entries; empty if its file is not there, which is
-  /// so where all its chunks are zero. DATA_LOSS if it is damaged.
-  [[nodiscard]] StatusOr<std::vector<float>> Block(const Int3& block);
+  /// so where all its chunks are zero. DATA_LOSS if it is damaged. Stays where it is as long as
+  /// the table lives. Adds the bytes that were read from its file, if any, to `bytes_read`.
+  [[nodiscard]] StatusOr<const std::vector<float>*> Block(const Int3& block, uint64_t* bytes_read);
   /// How many chunks of the level are stored; what cannot be read counts for nothing.
   [[nodiscard]] uint64_t StoredChunks();
-  /// Bytes read from files so far.
-  [[nodiscard]] uint64_t bytes_read() const;
 
   [[nodiscard]] Int3 BlockOf(const Int3& chunk) const;
   /// The place of a chunk in its block.
@@ -36,9 +35,8 @@ class ChunkTable {
   std::string folder_;
   int64_t step_;
   LevelLayout layout_;
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::map<std::array<int64_t, 3>, std::vector<float>> blocks_;  // guarded by mutex_
-  uint64_t bytes_read_ = 0;                                      // guarded by mutex_
 };
 
 }  // namespace fovea::store

@@ -72,8 +72,12 @@ class StoredStep final : public StepSource {
   [[nodiscard]] ReadStats read_stats() const override;
 
  private:
-  [[nodiscard]] Status FindWanted(const Window& window,
-                                  std::map<std::array<int64_t, 3>, std::vector<Wanted>>* shards);
+  /// Blocks of the table that one window read has asked for; null: nothing is known of them.
+  using Blocks = std::map<std::array<int64_t, 3>, const std::vector<float>*>;
+  using Shards = std::map<std::array<int64_t, 3>, std::vector<Wanted>>;  // by {z, y, x}
+
+  [[nodiscard]] StatusOr<Stored> IsStored(const Window& window, const Int3& chunk, Blocks* blocks);
+  [[nodiscard]] Status FindWanted(const Window& window, Shards* shards);
   [[nodiscard]] Status PlanShard(const Window& window, std::vector<Wanted> wanted,
                                  std::vector<Run>* runs);
   [[nodiscard]] StatusOr<std::optional<ShardIndex>> ReadIndex(const Window& window,
@@ -102,7 +106,6 @@ ReadStats StoredStep::read_stats() const {
   stats.chunks_damaged = chunks_damaged_;
   stats.chunks_total = 1;  // coarse
   for (const auto& table : tables_) {
-    stats.bytes_read += table->bytes_read();
     stats.chunks_total += table->StoredChunks();
   }
   return stats;
@@ -138,33 +141,36 @@ Status StoredStep::Damaged(const LevelLayout& layout, const Int3& chunk, const S
                                    chunk.x, chunk.y, chunk.z, layout.width, field_, step_));
 }
 
-Status StoredStep::FindWanted(const Window& window,
-                              std::map<std::array<int64_t, 3>, std::vector<Wanted>>* shards) {
+StatusOr<Stored> StoredStep::IsStored(const Window& window, const Int3& chunk, Blocks* blocks) {
+  const Int3 at = window.table.BlockOf(chunk);
+  const auto [block, is_new] = blocks->try_emplace({at.z, at.y, at.x}, nullptr);
+  if (is_new) {
+    uint64_t bytes = 0;
+    const StatusOr<const std::vector<float>*> read = window.table.Block(at, &bytes);
+    bytes_read_ += bytes;
+    if (!read.ok()) {
+      FOVEA_RETURN_IF_ERROR(Damaged(window.layout, chunk, read.status()));
+    } else if (!(*read)->empty()) {
+      block->second = *read;
+    }
+  }
+  if (block->second == nullptr) {
+    return Stored::kUnknown;
+  }
+  return (*block->second)[window.table.IndexInBlock(chunk)] > 0 ? Stored::kYes : Stored::kNo;
+}
+
+Status StoredStep::FindWanted(const Window& window, Shards* shards) {
   const LevelLayout& layout = window.layout;
   const int64_t c = layout.edge;
-  std::map<std::array<int64_t, 3>, std::optional<std::vector<float>>> blocks;
+  Blocks blocks;
   for (int64_t z = window.box.lo.z / c; z * c < window.box.hi.z; ++z) {
     for (int64_t y = window.box.lo.y / c; y * c < window.box.hi.y; ++y) {
       for (int64_t x = window.box.lo.x / c; x * c < window.box.hi.x; ++x) {
-        const Int3 chunk{x, y, z};
-        const Int3 at = window.table.BlockOf(chunk);
-        const auto [block, is_new] = blocks.try_emplace({at.z, at.y, at.x});
-        if (is_new) {
-          StatusOr<std::vector<float>> read = window.table.Block(at);
-          if (!read.ok()) {
-            FOVEA_RETURN_IF_ERROR(Damaged(layout, chunk, read.status()));
-          } else if (!read->empty()) {
-            block->second = *std::move(read);
-          }
-        }
-        Stored stored = Stored::kUnknown;
-        if (block->second) {
-          stored =
-              (*block->second)[window.table.IndexInBlock(chunk)] > 0 ? Stored::kYes : Stored::kNo;
-        }
+        FOVEA_ASSIGN_OR_RETURN(const Stored stored, IsStored(window, {x, y, z}, &blocks));
         if (stored != Stored::kNo) {
-          const Int3 shard = layout.ShardOf(chunk);
-          (*shards)[{shard.z, shard.y, shard.x}].push_back({chunk, stored, {}});
+          const Int3 shard = layout.ShardOf({x, y, z});
+          (*shards)[{shard.z, shard.y, shard.x}].push_back({{x, y, z}, stored, {}});
         }
       }
     }
@@ -298,7 +304,7 @@ Status StoredStep::ReadDetail(int level, const Box3& box, std::span<float> out) 
   }
   std::fill(out.begin(), out.end(), 0.0F);
   const Window window{layouts_[at], *tables_[at], box, out};
-  std::map<std::array<int64_t, 3>, std::vector<Wanted>> shards;
+  Shards shards;
   FOVEA_RETURN_IF_ERROR(FindWanted(window, &shards));
   std::vector<Run> runs;
   for (auto& [position, wanted] : shards) {
