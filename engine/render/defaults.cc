@@ -3,7 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
+#include <string>
 #include <vector>
+
+#include <fmt/format.h>
 
 namespace fovea::render {
 namespace {
@@ -111,10 +115,15 @@ constexpr std::array<std::pair<double, Color>, 4> kColors = {{
     {1.0, {1.0F, 0.95F, 0.85F}},
 }};
 
-/// A value in few digits: defaults are printed for people to copy.
+/// The number with three digits after the first that `range` has: defaults are printed for people
+/// to copy.
 double Rounded(double value, double range) {
-  const double unit = std::pow(10.0, std::floor(std::log10(range)) - 3);
-  return std::round(value / unit) * unit;
+  const int digits = 3 - static_cast<int>(std::floor(std::log10(range)));
+  const std::string text =
+      digits >= 0
+          ? fmt::format("{:.{}f}", value, digits)
+          : fmt::format("{:.0f}", std::round(value * std::pow(10, digits)) * std::pow(10, -digits));
+  return std::strtod(text.c_str(), nullptr);
 }
 
 }  // namespace
@@ -192,7 +201,8 @@ TransferFunction DefaultTransferFunction(std::span<const FieldStats> steps,
   TransferFunction transfer;
   const auto add = [&](double fraction, double extent, const Color& color) {
     const double value = Rounded(background + fraction * extent, all.high - all.low);
-    transfer.points.push_back({value, color, static_cast<float>(most * RampOpacity(fraction))});
+    const double opacity = Rounded(most * RampOpacity(fraction), most);
+    transfer.points.push_back({value, color, static_cast<float>(opacity)});
   };
   for (auto color = kColors.rbegin(); below.extent != 0 && color != kColors.rend(); ++color) {
     add(color->first, below.extent, color->second);
