@@ -1,6 +1,8 @@
 #include "engine/render/smooth.h"
 
 #include <algorithm>
+#include <cmath>
+#include <utility>
 
 namespace fovea::render {
 namespace {
@@ -42,41 +44,58 @@ std::vector<float> TaperOf(const PyramidLevel& level) {
   return taper;
 }
 
-/// Values whose bilinear interpolant has, over each pixel, nearly the pixel's own mean: the mean
-/// of an interpolant of means is 3/4 of its own and 1/8 of each neighbour's on either axis, and
-/// what is missing is added (one step towards the inverse). Pixels one voxel wide stay as they are.
-std::vector<Rgba> MeanPreserving(const PyramidLevel& level) {
-  if (level.plan.width == 1) {
-    return level.values;
+/// At a sharp edge the step towards the inverse overshoots. It goes at most as far as half of the
+/// value in any channel, in all channels alike, so that the hue stays.
+Rgba Sharpened(const Rgba& own, const Rgba& step) {
+  float scale = 1;
+  for (const auto& [value, change] :
+       {std::pair(own.red, step.red), std::pair(own.green, step.green),
+        std::pair(own.blue, step.blue), std::pair(own.alpha, step.alpha)}) {
+    if (std::abs(change) > 0.5F * value) {
+      scale = std::min(scale, 0.5F * value / std::abs(change));
+    }
   }
+  return {own.red + scale * step.red, own.green + scale * step.green, own.blue + scale * step.blue,
+          own.alpha + scale * step.alpha};
+}
+
+/// What is missing for the bilinear interpolant to have the pixel's own mean over the pixel, by one
+/// step towards the inverse: the mean of an interpolant of means is 3/4 of its own and 1/8 of each
+/// neighbour's, on either axis.
+Rgba MeanDefect(const PyramidLevel& level, int64_t u, int64_t v) {
   constexpr float kShare[3] = {0.125F, 0.75F, 0.125F};
-  const Rect& rect = level.plan.rect;
+  const Rgba& own = level.values[level.Index(u, v)];
+  const bool crosses = level.plan.crossing.Contains(u, v);
+  Rgba defect;
+  for (int tap = 0; tap < 9; ++tap) {
+    const int64_t nu = u + tap % 3 - 1;
+    const int64_t nv = v + tap / 3 - 1;
+    // A neighbour across the volume's edge would draw the edge into this pixel.
+    if (!level.plan.rect.Contains(nu, nv) || level.present[level.Index(nu, nv)] == 0 ||
+        (crosses && !level.plan.crossing.Contains(nu, nv))) {
+      continue;
+    }
+    const Rgba& other = level.values[level.Index(nu, nv)];
+    const float share = kShare[tap % 3] * kShare[tap / 3];
+    defect.red += share * (own.red - other.red);
+    defect.green += share * (own.green - other.green);
+    defect.blue += share * (own.blue - other.blue);
+    defect.alpha += share * (own.alpha - other.alpha);
+  }
+  return defect;
+}
+
+/// Values whose bilinear interpolant nearly keeps each pixel's mean. Pixels one voxel wide stay as
+/// they are.
+std::vector<Rgba> MeanPreserving(const PyramidLevel& level) {
   std::vector<Rgba> values = level.values;
-  for (int64_t v = rect.v0; v < rect.v1; ++v) {
+  const Rect& rect = level.plan.rect;
+  for (int64_t v = rect.v0; level.plan.width > 1 && v < rect.v1; ++v) {
     for (int64_t u = rect.u0; u < rect.u1; ++u) {
-      if (level.present[level.Index(u, v)] == 0) {
-        continue;
+      const size_t i = level.Index(u, v);
+      if (level.present[i] != 0) {
+        values[i] = Sharpened(level.values[i], MeanDefect(level, u, v));
       }
-      const Rgba& own = level.values[level.Index(u, v)];
-      const bool crosses = level.plan.crossing.Contains(u, v);
-      Rgba& value = values[level.Index(u, v)];
-      for (int tap = 0; tap < 9; ++tap) {
-        const int64_t nu = u + tap % 3 - 1;
-        const int64_t nv = v + tap / 3 - 1;
-        // A neighbour across the volume's edge would draw the edge into this pixel.
-        if (!rect.Contains(nu, nv) || level.present[level.Index(nu, nv)] == 0 ||
-            (crosses && !level.plan.crossing.Contains(nu, nv))) {
-          continue;
-        }
-        const Rgba& other = level.values[level.Index(nu, nv)];
-        const float share = kShare[tap % 3] * kShare[tap / 3];
-        value.red += share * (own.red - other.red);
-        value.green += share * (own.green - other.green);
-        value.blue += share * (own.blue - other.blue);
-        value.alpha += share * (own.alpha - other.alpha);
-      }
-      value = {std::max(value.red, 0.0F), std::max(value.green, 0.0F), std::max(value.blue, 0.0F),
-               std::clamp(value.alpha, 0.0F, 1.0F)};
     }
   }
   return values;
