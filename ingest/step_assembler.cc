@@ -132,36 +132,57 @@ StatusOr<Box3> StepAssembler::Inside(const Box3& box) const {
               {box.hi.x - origin.x, box.hi.y - origin.y, box.hi.z - origin.z}};
 }
 
+Status StepAssembler::TakeBytes(int64_t bricks) {
+  const int64_t bytes = bricks * fields_.back().voxels.brick_values() * int64_t{sizeof(float)};
+  if (bytes > bytes_left_) {
+    return ResourceExhausted(
+        "one time step needs more memory than a quarter of this machine's; take fewer grids at a "
+        "time, or a smaller volume");
+  }
+  bytes_left_ -= bytes;
+  return absl::OkStatus();
+}
+
+Status StepAssembler::FillWithBackground(const Box3& box) {
+  BrickGrid& voxels = fields_.back().voxels;
+  for (const auto& [position, brick] : voxels.bricks()) {
+    const Int3 at{position[2], position[1], position[0]};
+    const Box3 whole = BrickBox(at, edge_);
+    const Source source{box, nullptr, voxels.background()};
+    source.CopyTo(Intersect(box, whole), whole.lo, edge_, voxels.Touch(at).data());
+  }
+  return absl::OkStatus();
+}
+
 Status StepAssembler::Write(const Box3& box, const float* values, float constant) {
   const Source source{box, values, constant};
   BrickGrid& voxels = fields_.back().voxels;
-  if (values == nullptr && constant == voxels.background()) {
-    for (const auto& [position, brick] : voxels.bricks()) {
-      const Int3 at{position[2], position[1], position[0]};
-      const Box3 part = Intersect(box, BrickBox(at, edge_));
-      source.CopyTo(part, BrickBox(at, edge_).lo, edge_, voxels.Touch(at).data());
+  const Box3 bricks{
+      {box.lo.x / edge_, box.lo.y / edge_, box.lo.z / edge_},
+      {(box.hi.x - 1) / edge_ + 1, (box.hi.y - 1) / edge_ + 1, (box.hi.z - 1) / edge_ + 1}};
+  if (values == nullptr) {
+    if (constant == voxels.background()) {
+      return FillWithBackground(box);
     }
-    return absl::OkStatus();
+    // Known too large before the first brick is made: a tile may be of any size.
+    const int64_t fewest = bricks.Volume() - static_cast<int64_t>(voxels.bricks().size());
+    if (fewest > bytes_left_ / (voxels.brick_values() * int64_t{sizeof(float)})) {
+      return TakeBytes(fewest);
+    }
   }
-  const auto first = [this](int64_t at) { return at / edge_; };
   Int3 at;
-  for (at.z = first(box.lo.z); at.z <= first(box.hi.z - 1); ++at.z) {
-    for (at.y = first(box.lo.y); at.y <= first(box.hi.y - 1); ++at.y) {
-      for (at.x = first(box.lo.x); at.x <= first(box.hi.x - 1); ++at.x) {
-        const Box3 brick = BrickBox(at, edge_);
-        const Box3 part = Intersect(box, brick);
+  for (at.z = bricks.lo.z; at.z < bricks.hi.z; ++at.z) {
+    for (at.y = bricks.lo.y; at.y < bricks.hi.y; ++at.y) {
+      for (at.x = bricks.lo.x; at.x < bricks.hi.x; ++at.x) {
+        const Box3 whole = BrickBox(at, edge_);
+        const Box3 part = Intersect(box, whole);
         if (voxels.Find(at) == nullptr) {
           if (source.IsAll(voxels.background(), part)) {
             continue;
           }
-          bytes_left_ -= voxels.brick_values() * static_cast<int64_t>(sizeof(float));
-          if (bytes_left_ < 0) {
-            return ResourceExhausted(
-                "one time step needs more memory than a quarter of this machine's; give fewer "
-                "grids at a time, or a smaller volume");
-          }
+          FOVEA_RETURN_IF_ERROR(TakeBytes(1));
         }
-        source.CopyTo(part, brick.lo, edge_, voxels.Touch(at).data());
+        source.CopyTo(part, whole.lo, edge_, voxels.Touch(at).data());
       }
     }
   }

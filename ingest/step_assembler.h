@@ -41,6 +41,9 @@ class StepAssembler {
   [[nodiscard]] Status AddTile(const Tile& tile);
   /// `box` in the voxel coordinates of the extent; `values` of it, or null: `constant` everywhere.
   [[nodiscard]] Status Write(const Box3& box, const float* values, float constant);
+  [[nodiscard]] Status FillWithBackground(const Box3& box);
+  /// Counts bricks that are about to be made.
+  [[nodiscard]] Status TakeBytes(int64_t bricks);
   /// `box` moved to the voxel coordinates of the extent; an error if it is not inside.
   [[nodiscard]] StatusOr<Box3> Inside(const Box3& box) const;
 

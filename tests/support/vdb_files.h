@@ -29,18 +29,18 @@ struct VdbGrid {
   /// tree of the first grid of the file.
   std::string type = "float";
   double background = 0;
-  std::vector<VdbFill> fills;
-  std::vector<VdbVoxel> voxels;  // after the fills
+  std::vector<VdbFill> fills = {};
+  std::vector<VdbVoxel> voxels = {};  // after the fills
   double voxel_size = 1;
-  Vec3 origin;           // world position of index (0, 0, 0)
-  bool frustum = false;  // a transform that is not linear
-  std::string unit;      // metadata "world_unit"
+  Vec3 origin = {};       // world position of index (0, 0, 0)
+  bool frustum = false;   // a transform that is not linear
+  std::string unit = {};  // metadata "world_unit"
 };
 
 struct VdbFileOptions {
-  bool stats_metadata = true;        // file_bbox_min and the like
-  std::optional<Box3> declared_box;  // instead of the true one, in every grid
-  bool grid_offsets = true;          // false: as if written to a pipe
+  bool stats_metadata = true;             // file_bbox_min and the like
+  std::optional<Box3> declared_box = {};  // instead of the true one, in every grid
+  bool grid_offsets = true;               // false: as if written to a pipe
 };
 
 /// Writes the file; throws if it cannot.

@@ -1,0 +1,76 @@
+// Stands in for fovea-worker in tests: speaks the protocol, and does what the scanned path says.
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <string>
+#include <thread>
+
+#include "ingest/channel.h"
+#include "ingest/protocol.h"
+
+namespace {
+
+using fovea::ingest::Channel;
+using fovea::ingest::Frame;
+using fovea::ingest::FrameKind;
+
+void Send(Channel* channel, const Frame& frame) {
+  if (!channel->Send(frame, Channel::kNoDeadline).ok() ||
+      !channel->Flush(Channel::kNoDeadline).ok()) {
+    std::exit(1);
+  }
+}
+
+void Behave(const std::string& path, Channel* channel) {
+  if (path == "crash") {
+    const rlimit none{0, 0};
+    ::setrlimit(RLIMIT_CORE, &none);
+    std::abort();
+  }
+  if (path == "killed") {
+    ::raise(SIGKILL);
+  }
+  if (path == "exits") {
+    std::exit(3);
+  }
+  if (path == "hangs") {
+    ::pause();
+  }
+  if (path == "closes") {  // and lives on
+    ::close(STDIN_FILENO);
+    ::pause();
+  }
+  if (path == "chatters") {
+    while (true) {
+      Send(channel, Encode(fovea::ingest::FileInfo{1, "m"}));
+    }
+  }
+  if (path == "nonsense") {
+    Send(channel, {static_cast<FrameKind>(99), "x"});
+  }
+  if (path == "error") {
+    Send(channel, fovea::ingest::EncodeError(fovea::NotFound("what was \x1B[1m asked for")));
+    return;
+  }
+  Send(channel, Encode(fovea::ingest::FileInfo{7, "m"}));
+  Send(channel, {FrameKind::kEnd, ""});
+}
+
+}  // namespace
+
+int main() {
+  Channel channel(STDIN_FILENO);
+  Send(&channel, fovea::ingest::EncodeHello(fovea::ingest::kProtocolVersion));
+  while (true) {
+    const auto request = channel.Receive(Channel::kNoDeadline);
+    if (!request.ok()) {
+      return 0;
+    }
+    const auto scan = DecodeScanRequest(*request);
+    Behave(scan.ok() ? scan->path : "", &channel);
+  }
+}
