@@ -17,7 +17,9 @@ CLI::Option* AddParsed(CLI::App* app, const std::string& flag, const char* type,
   const auto callback = [flag, parse, use](const std::string& text) {
     auto value = parse(text);
     if (!value.ok()) {
-      throw CLI::ValidationError(flag, std::string(MessageOf(value.status())));
+      // What cannot be known from the command line alone (a file is not there) ends with 1.
+      const std::string message = fmt::format("{}: {}", flag, MessageOf(value.status()));
+      throw CLI::ValidationError(message, absl::IsInvalidArgument(value.status()) ? 2 : 1);
     }
     use(std::move(value).value());
   };

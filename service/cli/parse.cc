@@ -371,7 +371,8 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   } catch (const CLI::ParseError& error) {
     const auto verbs = app.get_subcommands();
     const std::string verb = verbs.empty() ? "" : " " + verbs.front()->get_name();
-    return {std::nullopt, fmt::format("{}\nsee `fovea{} --help`", error.what(), verb), 2};
+    return {std::nullopt, fmt::format("{}\nsee `fovea{} --help`", error.what(), verb),
+            error.get_exit_code() == 1 ? 1 : 2};
   }
   return Chosen(app, &commands);
 }

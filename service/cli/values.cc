@@ -187,11 +187,14 @@ StatusOr<render::TransferFunction> ParseTransfer(const std::string& text) {
   }
   file.read(content.data(), kMaxBytes);
   if (file.gcount() == kMaxBytes) {
-    return InvalidArgument("transfer function file '{}' is longer than 1 MiB", text);
+    return FailedPrecondition("transfer function file '{}' is longer than 1 MiB", text);
   }
   content.resize(static_cast<size_t>(file.gcount()));
   auto transfer = render::ParseTransferFunction(content);
-  return transfer.ok() ? std::move(transfer) : Annotate(transfer.status(), text);
+  if (!transfer.ok()) {
+    return FailedPrecondition("{}: {}", text, MessageOf(transfer.status()));
+  }
+  return transfer;
 }
 
 std::string FormatPosition(const frames::Position& position) {

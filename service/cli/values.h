@@ -46,7 +46,8 @@ struct Shard {
 [[nodiscard]] StatusOr<render::Smoothing> ParseSmoothing(std::string_view text);
 /// 'R,G,B', linear, 0 to 1.
 [[nodiscard]] StatusOr<render::Color> ParseColor(std::string_view text);
-/// 'V:R,G,B:A;...', the same as JSON, or the name of a file that ends in .json.
+/// 'V:R,G,B:A;...', the same as JSON, or the name of a file that ends in .json: NOT_FOUND or
+/// FAILED_PRECONDITION if that is what is wrong.
 [[nodiscard]] StatusOr<render::TransferFunction> ParseTransfer(const std::string& text);
 
 [[nodiscard]] std::string FormatPosition(const frames::Position& position);

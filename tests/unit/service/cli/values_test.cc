@@ -77,9 +77,10 @@ TEST(Values, TransferFunctionsFromTextAndFile) {
                             {"value":1,"color":[1,0.5,0],"opacity":0.25}])";
   EXPECT_EQ(*ParseTransfer(path), transfer);
   std::ofstream(path) << "nonsense";
-  EXPECT_THAT(ParseTransfer(path), FailsWith(kInvalid, path));
+  EXPECT_THAT(ParseTransfer(path), FailsWith(absl::StatusCode::kFailedPrecondition, path));
   std::ofstream(path) << std::string(2 << 20, ' ');
-  EXPECT_THAT(ParseTransfer(path), FailsWith(kInvalid, "longer than 1 MiB"));
+  EXPECT_THAT(ParseTransfer(path),
+              FailsWith(absl::StatusCode::kFailedPrecondition, "longer than 1 MiB"));
   EXPECT_THAT(ParseTransfer(folder / "no.json"),
               FailsWith(absl::StatusCode::kNotFound, "cannot be opened"));
 }

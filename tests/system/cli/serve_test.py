@@ -1,0 +1,109 @@
+"""The server through the project's own client: the same pictures, clear refusals, a clean end."""
+
+import signal
+import subprocess
+import unittest
+
+import support
+
+
+class Serve(support.FoveaTest):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.root = cls.folder / "root"
+        cls.store = cls.root / "lab" / "plume.zarr"
+        cls.store.parent.mkdir(parents=True)
+        cls.fovea(cls(), "ingest", support.PLUME_SEQUENCE, "-o", cls.store)
+        cls.log = open(cls.folder / "serve.log", "w", encoding="utf-8")
+        cls.server = subprocess.Popen(
+            [support.FOVEA, "serve", str(cls.root), "--listen", "127.0.0.1:0"],
+            stdout=subprocess.PIPE, stderr=cls.log, text=True)
+        line = cls.server.stdout.readline()
+        assert line.startswith("fovead listening on grpc "), line
+        cls.address = line.split()[-1]
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.server.kill()
+        cls.server.wait()
+        cls.server.stdout.close()
+        cls.log.close()
+        super().tearDownClass()
+
+    def ask(self, verb, *arguments):
+        return self.fovea_json(verb, "--server", self.address, *arguments)
+
+    def test_info_is_the_same_from_both_sides(self):
+        listed = self.ask("info")["datasets"]
+        self.assertEqual([dataset["name"] for dataset in listed], ["lab/plume"])
+        served, local = self.ask("info", "lab/plume"), self.fovea_json("info", self.store)
+        served.pop("name")
+        local.pop("name")
+        self.assertEqual(served, local)
+
+    def test_render_gives_the_same_bytes(self):
+        for name, flags in (("a.png", []), ("b.jpg", ["--quality", 70, "--fovea-marker"]),
+                            ("c.npy", ["--field", "temperature", "--smoothing", "none"]),
+                            ("d.png", ["--fovea", "0.5,0.5,0.5w", "--weighting", "falloff:0.1"])):
+            flags += ["--step", 9, "--size", "64x48"]
+            served, local = self.folder / f"served_{name}", self.folder / f"local_{name}"
+            report = self.ask("render", "lab/plume", *flags, "-o", served)
+            self.assertEqual(report["frame_number"], 37)
+            self.assertEqual(report["flags"],
+                             self.fovea_json("render", self.store, *flags, "-o", local)["flags"])
+            self.assertEqual(served.read_bytes(), local.read_bytes(), name)
+
+    def test_export_streams_the_same_frames(self):
+        flags = ["--size", "64x48", "--steps", "1-13x3"]
+        served, local = self.folder / "served", self.folder / "local"
+        report = self.ask("export", "lab/plume", *flags, "-o", served / "f.####.png")
+        self.assertEqual(report["frames_made"], 5)
+        self.fovea("export", self.store, *flags, "-o", local / "f.####.png")
+        names = sorted(path.name for path in local.glob("*.png"))
+        self.assertEqual(names, ["f.0005.png", "f.0017.png", "f.0029.png", "f.0041.png",
+                                 "f.0053.png"])
+        for name in names:
+            self.assertEqual((served / name).read_bytes(), (local / name).read_bytes(), name)
+        (served / "f.0029.png").unlink()
+        self.assertEqual(self.ask("export", "lab/plume", *flags, "-o", served / "f.####.png")
+                         ["frames_made"], 1)
+
+    def test_refusals_say_what_and_which_flag(self):
+        out = self.folder / "no.png"
+
+        def refused(*arguments, says):
+            self.refused(1, "render", "--server", self.address, *arguments, "-o", out,
+                         says=[self.address, *says])
+            self.assertFalse(out.exists())
+
+        refused("../root/lab/plume", says=["no dataset"])
+        refused("lab/../lab/plume", says=["no dataset"])
+        refused("plum", says=["plum"])
+        refused("lab/plume", "--step", 15, says=["--step", "step 15", "0 to 14"])
+        refused("lab/plume", "--fovea", "99,0,0", says=["--fovea", "outside"])
+        refused("lab/plume", "--field", "heat", says=["--field", "heat", "temperature"])
+
+    def test_a_server_that_is_not_there(self):
+        self.refused(1, "info", "--server", "127.0.0.1:1", says=["127.0.0.1:1", "serve"])
+        self.refused(1, "info", "--server", "nonsense", says=["nonsense"])
+
+
+class Stopping(support.FoveaTest):
+    def test_sigterm_ends_it_cleanly(self):
+        for stop in (signal.SIGTERM, signal.SIGINT):
+            with subprocess.Popen([support.FOVEA, "serve", str(self.folder), "--listen",
+                                   "127.0.0.1:0"], stdout=subprocess.PIPE,
+                                  stderr=subprocess.DEVNULL, text=True) as server:
+                self.assertIn("listening", server.stdout.readline())
+                server.send_signal(stop)
+                self.assertEqual(server.wait(timeout=20), 0)
+
+    def test_a_root_that_is_not_there(self):
+        result = support.run("serve", self.folder / "none", "--listen", "127.0.0.1:0")
+        self.assertEqual(result.returncode, 1)
+        self.assertIn("none", result.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
