@@ -2,7 +2,7 @@
 
 #include <cstring>
 #include <filesystem>
-#include <set>
+#include <thread>
 
 #include <gtest/gtest.h>
 
@@ -225,6 +225,36 @@ TEST(Dataset, SeesNewStepsWhenRefreshed) {
   EXPECT_EQ(dataset->info().committed_steps, 2);
   ASSERT_OK_AND_ASSIGN(const auto source, dataset->OpenStep(1, "density", OnDamage::kFail));
   EXPECT_OK(testing::ReadEverything(source.get()));
+}
+
+TEST(Dataset, IsReadByManyThreadsWhileItGrows) {
+  TemporaryFolder folder;
+  const Int3 dims{90, 70, 80};
+  ASSERT_OK_AND_ASSIGN(const auto writer,
+                       DatasetWriter::Create(folder.Path("a.zarr"), MakeInfo(dims, 8)));
+  ASSERT_OK(testing::WriteSteps(writer.get(), 1));
+  ASSERT_OK_AND_ASSIGN(const auto dataset, Dataset::Open(folder.Path("a.zarr")));
+  ASSERT_OK_AND_ASSIGN(const auto source, dataset->OpenStep(0, "density", OnDamage::kFail));
+  const StepData data = MakeStep(dims, 8, 0);
+  MemorySource memory(data.coefficients);
+  ASSERT_OK_AND_ASSIGN(const auto wanted, testing::ReadLevel(&memory, 2));
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 4; ++i) {
+    threads.emplace_back([&] {
+      for (int round = 0; round < 3; ++round) {
+        EXPECT_OK(dataset->Refresh());
+        EXPECT_GE(dataset->info().committed_steps, 1);
+        const auto read = testing::ReadLevel(source.get(), 2);
+        ASSERT_OK(read);
+        EXPECT_TRUE(SameBits(*read, wanted));
+        EXPECT_GT(source->read_stats().chunks_total, 1U);
+      }
+    });
+  }
+  EXPECT_OK(testing::WriteSteps(writer.get(), 2));
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
 }
 
 }  // namespace

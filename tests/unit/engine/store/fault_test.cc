@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <thread>
 
 #include <gtest/gtest.h>
 #include <sched.h>
@@ -61,26 +62,35 @@ pid_t StartWriter(const std::string& path) {
   return child;
 }
 
-/// Reads the newest committed step over and over, as soon as there is a store.
-void ReadUntil(steady_clock::time_point deadline, const std::string& path) {
-  std::shared_ptr<Dataset> dataset;
-  while (steady_clock::now() < deadline) {
-    if (dataset == nullptr) {
-      const auto opened = Dataset::Open(path);
-      if (!opened.ok()) {
-        EXPECT_TRUE(absl::IsNotFound(opened.status()) ||
-                    absl::IsFailedPrecondition(opened.status()))
-            << MessageOf(opened.status());
-        continue;
-      }
-      dataset = *opened;
-    }
-    ASSERT_OK(dataset->Refresh());
-    if (const int64_t steps = dataset->info().committed_steps; steps > 0) {
-      ExpectStep(dataset.get(), steps - 1);
-      ASSERT_OK_AND_ASSIGN(const int64_t time, dataset->TimeNs(steps - 1));
-      EXPECT_EQ(time, (steps - 1) * 1'000'000'000);
-    }
+/// What a reader beside the writer sees: nothing, or a store of which the newest committed step is
+/// whole. Returns the committed steps, -1 if there is no store yet.
+int64_t ReadBesideWriter(const std::string& path) {
+  const auto dataset = Dataset::Open(path);
+  if (!dataset.ok()) {
+    EXPECT_TRUE(absl::IsNotFound(dataset.status()) || absl::IsFailedPrecondition(dataset.status()))
+        << MessageOf(dataset.status());
+    return -1;
+  }
+  const int64_t steps = (*dataset)->info().committed_steps;
+  if (steps > 0) {
+    ExpectStep(dataset->get(), steps - 1);
+    const auto time_ns = (*dataset)->TimeNs(steps - 1);
+    EXPECT_OK(time_ns);
+    EXPECT_EQ(time_ns.value_or(-1), (steps - 1) * 1'000'000'000);
+  }
+  return steps;
+}
+
+/// Waits for the writer to get somewhere: to make the folder in the first rounds, to commit some
+/// steps in the later ones. How far it gets after that, before it is killed, is chance.
+void WaitForProgress(const std::string& path, int round, int64_t committed, unsigned some) {
+  const auto deadline = steady_clock::now() + std::chrono::seconds(60);
+  const auto there = [&] {
+    return round < 5 ? fs::exists(path) : ReadBesideWriter(path) > committed + some % 2;
+  };
+  while (!there()) {
+    ASSERT_LT(steady_clock::now(), deadline) << "the writer does not get on";
+    std::this_thread::yield();
   }
 }
 
@@ -91,20 +101,20 @@ TEST(StoreFaults, NoKillOfTheWriterDamagesACommittedStep) {
   int64_t committed = 0;
   for (int round = 0; round < 20; ++round) {
     const pid_t writer = StartWriter(path);
-    ReadUntil(steady_clock::now() + std::chrono::milliseconds(random() % 120), path);
+    WaitForProgress(path, round, committed, random());
+    const auto moment = steady_clock::now() + std::chrono::microseconds(random() % 12000);
+    while (steady_clock::now() < moment) {
+      ReadBesideWriter(path);
+    }
     ASSERT_EQ(::kill(writer, SIGKILL), 0);
     int status = 0;
     ASSERT_EQ(::waitpid(writer, &status, 0), writer);
     ASSERT_TRUE(WIFSIGNALED(status)) << "the writer ended by itself";
-    const auto dataset = Dataset::Open(path);
-    if (!dataset.ok()) {
-      ASSERT_EQ(committed, 0) << MessageOf(dataset.status());
-      continue;
+    if (const int64_t steps = ReadBesideWriter(path); steps >= 0) {
+      EXPECT_GE(steps, committed);
+      ExpectSound(path, steps);
+      committed = steps;
     }
-    const int64_t steps = (*dataset)->info().committed_steps;
-    EXPECT_GE(steps, committed);
-    ExpectSound(path, steps);
-    committed = steps;
   }
   ASSERT_OK_AND_ASSIGN(const auto writer, DatasetWriter::Append(path));
   EXPECT_EQ(writer->info().committed_steps, committed);
