@@ -71,6 +71,8 @@ class Run {
  private:
   Status OpenExisting(std::optional<ExistingStore>* existing);
   Status Plan(bool from_voxels);
+  Status ScanAndPlan(const std::vector<SequenceFile>& files,
+                     const std::optional<ExistingStore>& existing, bool from_voxels);
   Status WriteSteps(bool from_voxels);
   Status WriteStep(const PlannedStep& step, StepVoxels voxels);
   Status CreateStore();
@@ -117,6 +119,20 @@ Status Run::OpenExisting(std::optional<ExistingStore>* existing) {
   return absl::OkStatus();
 }
 
+Status Run::ScanAndPlan(const std::vector<SequenceFile>& files,
+                        const std::optional<ExistingStore>& existing, bool from_voxels) {
+  const auto total = static_cast<int64_t>(files.size());
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<ScannedFile> scanned,
+                         ScanFiles(options_, files, from_voxels,
+                                   [&](const std::string& path) { return GoOn(0, total, path); }));
+  report_.input_bytes = 0;
+  for (const ScannedFile& file : scanned) {
+    report_.input_bytes += file.file.held ? 0 : static_cast<uint64_t>(file.info.file_bytes);
+  }
+  FOVEA_ASSIGN_OR_RETURN(plan_, PlanSeries(options_, scanned, existing));
+  return absl::OkStatus();
+}
+
 Status Run::Plan(bool from_voxels) {
   std::optional<ExistingStore> existing;
   if (options_.append) {
@@ -124,14 +140,15 @@ Status Run::Plan(bool from_voxels) {
   }
   FOVEA_ASSIGN_OR_RETURN(const std::vector<SequenceFile> files,
                          ResolveInputs(options_.inputs, options_.on_missing));
-  const auto total = static_cast<int64_t>(files.size());
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<ScannedFile> scanned,
-                         ScanFiles(options_, files, from_voxels,
-                                   [&](const std::string& path) { return GoOn(0, total, path); }));
-  for (const ScannedFile& file : scanned) {
-    report_.input_bytes += file.file.held ? 0 : static_cast<uint64_t>(file.info.file_bytes);
+  Status status = ScanAndPlan(files, existing, from_voxels);
+  if (absl::IsOutOfRange(status) && !from_voxels && !options_.raw) {
+    // Too large a box may be the metadata's fault.
+    const std::string reason(MessageOf(status));
+    status = ScanAndPlan(files, existing, /*from_voxels=*/true);
+    plan_.warnings.push_back(
+        fmt::format("{}, says the metadata; not so the voxels, which were believed", reason));
   }
-  FOVEA_ASSIGN_OR_RETURN(plan_, PlanSeries(options_, scanned, existing));
+  FOVEA_RETURN_IF_ERROR(status);
   FOVEA_ASSIGN_OR_RETURN(hierarchy_, Hierarchy::Make(plan_.extent.Size()));
   report_.dims = plan_.extent.Size();
   report_.origin = plan_.extent.lo;

@@ -275,7 +275,7 @@ Status Planner::FindExtent() {
 
 Status Planner::CheckExtentSize(const Box3& extent) const {
   if (extent.Size().Max() > kMaxDimension) {
-    return InvalidArgument(
+    return OutOfRange(
         "with it the active voxels of the series reach from {}: over {} voxels on an axis; clip or "
         "resample the grid",
         Show(extent), kMaxDimension);

@@ -45,7 +45,8 @@ struct ExistingStore {
   int64_t last_time_ns = 0;
 };
 
-/// Plans a series from its scanned files, in order. Errors name file and grid and what to do.
+/// Plans a series from its scanned files, in order. Errors name file and grid and what to do;
+/// OUT_OF_RANGE means that the boxes are too large (they may come from wrong metadata).
 [[nodiscard]] StatusOr<SeriesPlan> PlanSeries(const IngestOptions& options,
                                               const std::vector<ScannedFile>& files,
                                               const std::optional<ExistingStore>& existing);

@@ -133,7 +133,7 @@ TEST(PlanSeriesTest, ExtentsThatAreEmptyOrTooLargeAreRefused) {
   EXPECT_THAT(PlanSeries({}, {File(1, {Grid("d", {})})}, {}), FailsWith(kInvalid, "no step"));
   const Box3 far{{1'000'000, 0, 0}, {1'000'001, 1, 1}};
   EXPECT_THAT(PlanSeries({}, {File(1, {Grid("d", kA)}), File(2, {Grid("d", far)})}, {}),
-              FailsWith(kInvalid, "f2.vdb: grid 'd': with it"));
+              FailsWith(absl::StatusCode::kOutOfRange, "f2.vdb: grid 'd': with it"));
 }
 
 class AppendPlanTest : public ::testing::Test {
