@@ -8,7 +8,6 @@
 
 #include "fovea/v1/datasets.grpc.pb.h"
 #include "fovea/v1/render.grpc.pb.h"
-#include "service/client/acknowledger.h"
 #include "service/client/call_options.h"
 #include "service/client/frame_reader.h"
 #include "service/frames/frames.h"
@@ -99,7 +98,7 @@ class GrpcClient final : public Client {
   const std::string session_;
   const std::shared_ptr<grpc::Channel> channel_;
   const std::unique_ptr<v1::Datasets::Stub> datasets_;
-  const std::shared_ptr<v1::Render::Stub> render_;
+  const std::unique_ptr<v1::Render::Stub> render_;
 };
 
 /// Says which server, and keeps what the details point at.
@@ -206,8 +205,6 @@ Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame&
 
 Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFrame& on_frame,
                           Progress* progress) {
-  const auto acknowledger =
-      std::make_shared<Acknowledger>(render_, request.stream_id(), session_, deadline_seconds_);
   FrameReader reader(*render_, request, session_, deadline_seconds_);
   v1::Frame proto;
   while (reader.Next(&proto)) {
@@ -219,7 +216,7 @@ Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFram
     }
     progress->used = std::move(frame.used);
     if (request.window() > 0) {
-      acknowledger->Acknowledge(progress->next_index);
+      reader.Acknowledge(progress->next_index);
     }
     ++progress->next_index;
   }

@@ -1,5 +1,7 @@
 #include "service/client/frame_reader.h"
 
+#include <utility>
+
 #include <fmt/format.h>
 
 #include "service/client/call_options.h"
@@ -8,15 +10,21 @@ namespace fovea::client {
 
 FrameReader::FrameReader(v1::Render::Stub& stub, const v1::RenderSequenceRequest& request,
                          const std::string& session, double deadline_seconds)
-    : deadline_seconds_(deadline_seconds) {
-  context_.AddMetadata(kSessionKey, session);
-  reader_ = stub.PrepareAsyncRenderSequence(&context_, request, &queue_);
+    : stub_(stub),
+      session_(session),
+      stream_id_(request.stream_id()),
+      deadline_seconds_(deadline_seconds) {
+  context_.AddMetadata(kSessionKey, session_);
+  reader_ = stub_.PrepareAsyncRenderSequence(&context_, request, &queue_);
   reader_->StartCall(this);
   started_ = Wait();
 }
 
 FrameReader::~FrameReader() {
   context_.TryCancel();
+  if (acknowledgement_ != nullptr) {
+    acknowledgement_->context.TryCancel();
+  }
   queue_.Shutdown();
   void* tag = nullptr;
   bool ok = false;
@@ -32,6 +40,31 @@ bool FrameReader::Next(v1::Frame* frame) {
   return Wait();
 }
 
+void FrameReader::Acknowledge(uint64_t index) {
+  if (acknowledgement_ != nullptr) {
+    next_acknowledged_ = index;
+    return;
+  }
+  acknowledgement_ = std::make_unique<Acknowledgement>();
+  acknowledgement_->context.AddMetadata(kSessionKey, session_);
+  acknowledgement_->context.set_deadline(DeadlineIn(deadline_seconds_));
+  v1::AcknowledgeRequest request;
+  request.set_stream_id(stream_id_);
+  request.set_index(index);
+  acknowledgement_->call =
+      stub_.PrepareAsyncAcknowledge(&acknowledgement_->context, request, &queue_);
+  acknowledgement_->call->StartCall();
+  acknowledgement_->call->Finish(&acknowledgement_->response, &acknowledgement_->status,
+                                 acknowledgement_.get());
+}
+
+void FrameReader::AcknowledgementIsDone() {
+  acknowledgement_.reset();
+  if (next_acknowledged_) {
+    Acknowledge(*std::exchange(next_acknowledged_, std::nullopt));
+  }
+}
+
 grpc::Status FrameReader::Finish() {
   grpc::Status status;
   reader_->Finish(&status, this);
@@ -44,16 +77,23 @@ grpc::Status FrameReader::Finish() {
 }
 
 bool FrameReader::Wait() {
+  const auto deadline = DeadlineIn(deadline_seconds_);
   void* tag = nullptr;
   bool ok = false;
-  if (queue_.AsyncNext(&tag, &ok, DeadlineIn(deadline_seconds_)) ==
-      grpc::CompletionQueue::NextStatus::GOT_EVENT) {
-    return ok;
+  while (true) {
+    if (timed_out_) {
+      queue_.Next(&tag, &ok);  // the cancelled operation ends now
+    } else if (queue_.AsyncNext(&tag, &ok, deadline) !=
+               grpc::CompletionQueue::NextStatus::GOT_EVENT) {
+      timed_out_ = true;
+      context_.TryCancel();
+      continue;
+    }
+    if (tag == this) {
+      return ok && !timed_out_;
+    }
+    AcknowledgementIsDone();
   }
-  timed_out_ = true;
-  context_.TryCancel();  // the operation under way ends now
-  queue_.Next(&tag, &ok);
-  return false;
 }
 
 }  // namespace fovea::client
