@@ -166,6 +166,7 @@ TEST_P(RealPictureTest, ComesCloserAndShowsNoBlocks) {
   }
 }
 
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(RealPictureTest);
 INSTANTIATE_TEST_SUITE_P(SharedVolumes, RealPictureTest, ::testing::ValuesIn(RealVolumes()),
                          [](const auto& p) { return p.param.name; });
 
