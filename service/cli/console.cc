@@ -55,11 +55,10 @@ void Note(const OutputOptions& output, std::string_view line) {
 
 void PrintError(std::string_view message) {
   std::fflush(stdout);
-  const std::string text = WithFlag(message);
-  std::fprintf(stderr, "fovea: %s\n", text.c_str());
+  std::fprintf(stderr, "fovea: %.*s\n", static_cast<int>(message.size()), message.data());
 }
 
-std::string WithFlag(std::string_view message) {
+std::string WithFlag(const Status& error) {
   constexpr std::array<std::array<std::string_view, 2>, 18> kFlags = {{
       {"field", "--field"},
       {"fovea", "--fovea"},
@@ -80,6 +79,10 @@ std::string WithFlag(std::string_view message) {
       {"shard", "--shard"},
       {"fps", "--fps"},
   }};
+  const std::string_view message = MessageOf(error);
+  if (!absl::IsInvalidArgument(error) && !absl::IsNotFound(error) && !absl::IsOutOfRange(error)) {
+    return std::string(message);
+  }
   std::string_view rest = message;
   if (rest.starts_with("server ")) {  // server HOST:PORT: ...
     const size_t colon = rest.find(": ");

@@ -24,9 +24,9 @@ void Note(const OutputOptions& output, std::string_view line);
 /// "fovea: ..." on stderr.
 void PrintError(std::string_view message);
 
-/// The message of an error with the flag in front that its first word is the field of:
-/// "rate 0 is ..." becomes "--rate: rate 0 is ...".
-[[nodiscard]] std::string WithFlag(std::string_view message);
+/// The message of an error. If it is about a value that was given, and its first word is a field of
+/// the proto, the flag for that field comes in front: "--rate: rate 0 is ...".
+[[nodiscard]] std::string WithFlag(const Status& error);
 
 /// 1536 -> "1.5 KiB".
 [[nodiscard]] std::string HumanBytes(uint64_t bytes);

@@ -18,7 +18,7 @@ int main(int argc, char** argv) {
   const Status status =
       std::visit([](const auto& command) { return cli::Run(command); }, *parsed.command);
   if (!status.ok()) {
-    cli::PrintError(MessageOf(status));
+    cli::PrintError(cli::WithFlag(status));
     return 1;
   }
   if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include "service/cli/commands.h"
+#include "service/cli/console.h"
 #include "service/cli/flags.h"
 #include "service/export/exporter.h"
 #include "service/export/picture_file.h"
@@ -278,7 +279,7 @@ template <typename T>
 ParseResult Checked(const char* verb, T* command) {
   const Status status = Check(command);
   if (!status.ok()) {
-    return {std::nullopt, fmt::format("{}\nsee `fovea {} --help`", MessageOf(status), verb), 2};
+    return {std::nullopt, fmt::format("{}\nsee `fovea {} --help`", WithFlag(status), verb), 2};
   }
   return {std::move(*command), "", 0};
 }

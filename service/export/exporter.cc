@@ -26,7 +26,8 @@ StatusOr<std::vector<int64_t>> StepsOf(const ExportOptions& options, int64_t com
   const int64_t last = options.last.value_or(committed - 1);
   for (const int64_t step : {options.first, last}) {
     if (step < 0 || step >= committed) {
-      return OutOfRange("step {} is not there: the dataset has steps 0 to {}", step, committed - 1);
+      return OutOfRange("steps asked for include {}, which is not there: the dataset has 0 to {}",
+                        step, committed - 1);
     }
   }
   std::vector<int64_t> steps;

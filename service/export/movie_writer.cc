@@ -1,5 +1,6 @@
 #include "service/export/movie_writer.h"
 
+#include <cstring>
 #include <filesystem>
 #include <utility>
 #include <vector>
@@ -101,11 +102,15 @@ StatusOr<std::unique_ptr<MovieWriter>> MovieWriter::Open(const std::string& path
   FOVEA_ASSIGN_OR_RETURN(FedProgram encoder,
                          FedProgram::Start(Arguments(*FormatOf(path), width, height,
                                                      frames_per_second, file.temporary_path())));
-  return std::unique_ptr<MovieWriter>(new MovieWriter(std::move(file), std::move(encoder)));
+  return std::unique_ptr<MovieWriter>(new MovieWriter(path, std::move(file), std::move(encoder)));
 }
 
 Status MovieWriter::Failure(const ProgramResult& result) const {
-  return FailedPrecondition("ffmpeg could not write the movie (exit status {}): {}",
+  if (result.exit_status > 128) {
+    return FailedPrecondition("{}: ffmpeg was ended by a signal: {}", path_,
+                              ::strsignal(result.exit_status - 128));
+  }
+  return FailedPrecondition("{}: ffmpeg could not write the movie (exit status {}): {}", path_,
                             result.exit_status,
                             result.errors.empty() ? "it said nothing" : result.errors);
 }

@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "engine/base/status.h"
 #include "service/export/output_file.h"
@@ -31,10 +32,11 @@ class MovieWriter {
   [[nodiscard]] Status Finish();
 
  private:
-  MovieWriter(OutputFile file, FedProgram encoder)
-      : file_(std::move(file)), encoder_(std::move(encoder)) {}
+  MovieWriter(std::string path, OutputFile file, FedProgram encoder)
+      : path_(std::move(path)), file_(std::move(file)), encoder_(std::move(encoder)) {}
   [[nodiscard]] Status Failure(const ProgramResult& result) const;
 
+  std::string path_;
   OutputFile file_;
   FedProgram encoder_;
 };

@@ -121,7 +121,7 @@ class BadInput(support.FoveaTest):
     def test_what_is_not_there(self):
         self.render_refused(1, self.store, "--step", 15, says=["--step", "15"])
         self.refused(1, "export", self.store, "--steps", "3-99", "-o", self.folder / "n.####.png",
-                     says=["99", "0 to 14"])
+                     says=["--steps", "99", "0 to 14"])
         self.refused(1, "extract", self.store, "--step", 99, "-o", self.folder / "n.npy",
                      says=["99"])
         self.render_refused(1, self.store, "--field", "heat", says=["--field", "heat", "density"])

@@ -124,12 +124,15 @@ TEST(PinningFlags, SayEverythingAndLeaveOutWhatAllChooseAlike) {
 }
 
 TEST(WithFlag, NamesTheFlagOfTheFieldThatTheMessageStartsWith) {
-  EXPECT_EQ(WithFlag("rate 0 is bad"), "--rate: rate 0 is bad");
-  EXPECT_EQ(WithFlag("width_px 7"), "--size: width_px 7");
-  EXPECT_EQ(WithFlag("server a:1: fovea 1, 2, 3 is outside"),
-            "--fovea: server a:1: fovea 1, 2, 3 is outside");
-  EXPECT_EQ(WithFlag("rated highly"), "rated highly");
-  EXPECT_EQ(WithFlag(""), "");
+  EXPECT_EQ(WithFlag(InvalidArgument("rate 0 is bad")), "--rate: rate 0 is bad");
+  EXPECT_EQ(WithFlag(InvalidArgument("width_px 7")), "--size: width_px 7");
+  EXPECT_EQ(WithFlag(OutOfRange("step 9 is not there")), "--step: step 9 is not there");
+  EXPECT_EQ(WithFlag(NotFound("server a:1: field 'q' is not there")),
+            "--field: server a:1: field 'q' is not there");
+  EXPECT_EQ(WithFlag(InvalidArgument("rated highly")), "rated highly");
+  EXPECT_EQ(WithFlag(InvalidArgument("")), "");
+  EXPECT_EQ(WithFlag(ResourceExhausted("field 'q' cannot be written")),
+            "field 'q' cannot be written");
 }
 
 TEST(Human, BytesAndSeconds) {

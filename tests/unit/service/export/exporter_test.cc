@@ -176,10 +176,10 @@ TEST_F(ExportTest, AnAnimationsFramesDifferAndAreRemembered) {
 
 TEST_F(ExportTest, RefusesStepsThatAreNotThere) {
   options.first = 5;
-  EXPECT_THAT(Run(), FailsWith(absl::StatusCode::kOutOfRange, "step 5 is not there"));
+  EXPECT_THAT(Run(), FailsWith(absl::StatusCode::kOutOfRange, "include 5, which is not there"));
   options.first = 0;
   options.last = 7;
-  EXPECT_THAT(Run(), FailsWith(absl::StatusCode::kOutOfRange, "steps 0 to 4"));
+  EXPECT_THAT(Run(), FailsWith(absl::StatusCode::kOutOfRange, "the dataset has 0 to 4"));
 }
 
 TEST_F(ExportTest, MoviesAreWholeOrNotThere) {
