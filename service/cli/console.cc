@@ -10,6 +10,8 @@
 #include <cstdio>
 #include <utility>
 
+#include <nlohmann/json.hpp>
+
 namespace fovea::cli {
 namespace {
 
@@ -44,6 +46,10 @@ bool Interrupted() {
 void PrintLine(std::string_view line) {
   std::fwrite(line.data(), 1, line.size(), stdout);
   std::fputc('\n', stdout);
+}
+
+void PrintJson(const nlohmann::json& value) {
+  PrintLine(value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 void Note(const OutputOptions& output, std::string_view line) {

@@ -5,6 +5,8 @@
 #include <string>
 #include <string_view>
 
+#include <nlohmann/json_fwd.hpp>
+
 #include "engine/base/status.h"
 #include "engine/base/stopwatch.h"
 #include "service/cli/commands.h"
@@ -19,6 +21,8 @@ void InstallSignalHandlers();
 
 /// One line on stdout. A closed stdout ends the output silently.
 void PrintLine(std::string_view line);
+/// One JSON value as a line on stdout; file names that are no UTF-8 get replacement characters.
+void PrintJson(const nlohmann::json& value);
 /// One line on stderr, unless quiet.
 void Note(const OutputOptions& output, std::string_view line);
 /// "fovea: ..." on stderr.

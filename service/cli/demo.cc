@@ -145,7 +145,7 @@ Status Run(const DemoCommand& command) {
     if (movie) {
       value["movie"] = *movie;
     }
-    PrintLine(value.dump());
+    PrintJson(value);
     return absl::OkStatus();
   }
   PrintLine(fmt::format("dataset  {}", dataset));

@@ -43,7 +43,7 @@ void PrintReport(const ExportCommand& command, const exports::ExportReport& repo
     for (const frames::Warning& warning : report.warnings) {
       warnings.push_back({{"message", warning.message}, {"count", warning.count}});
     }
-    PrintLine(nlohmann::json({{"output", command.file},
+    PrintJson(nlohmann::json({{"output", command.file},
                               {"first_path", report.first_path},
                               {"last_path", report.last_path},
                               {"frames_total", report.frames_total},
@@ -60,8 +60,7 @@ void PrintReport(const ExportCommand& command, const exports::ExportReport& repo
                               {"render_ms", totals.render_ms},
                               {"smooth_warp_ms", totals.smooth_warp_ms},
                               {"encode_ms", totals.encode_ms},
-                              {"total_ms", seconds * 1000}})
-                  .dump());
+                              {"total_ms", seconds * 1000}}));
     return;
   }
   const std::string where = report.first_path == report.last_path

@@ -11,7 +11,15 @@
 namespace fovea::cli {
 namespace {
 
-constexpr int64_t kSlabSlices = 32;  // so that memory follows a slab, not the volume
+/// Slices read at a time, a power of two up to 32: memory follows a slab, not the volume.
+int64_t SlabSlices(const Int3& size) {
+  constexpr int64_t kSlabBytes = int64_t{256} << 20;
+  int64_t slices = 32;
+  while (slices > 1 && slices * size.x * size.y * int64_t{sizeof(float)} > kSlabBytes) {
+    slices /= 2;
+  }
+  return slices;
+}
 
 StatusOr<Box3> BoxOf(const ExtractCommand& command, const Int3& dims) {
   const Box3 whole = Box3::OfSize(dims);
@@ -47,10 +55,11 @@ Status WriteVoxels(const ExtractCommand& command, CoefficientSource& source, con
   if (command.file.ends_with(".npy")) {
     FOVEA_RETURN_IF_ERROR(file.Write(exports::NpyHeader({size.z, size.y, size.x})));
   }
+  const int64_t slices = SlabSlices(size);
   Progress progress(command.output, "extract", "slices");
   for (int64_t z = box.lo.z; z < box.hi.z;) {
-    // Slabs start at multiples of their height, so that no chunk of the coarser levels straddles.
-    const int64_t end = std::min(box.hi.z, (z / kSlabSlices + 1) * kSlabSlices);
+    // Slabs start at multiples of their height, so that they share few chunks.
+    const int64_t end = std::min(box.hi.z, (z / slices + 1) * slices);
     Box3 slab = box;
     slab.lo.z = z;
     slab.hi.z = end;
@@ -82,7 +91,7 @@ Status Run(const ExtractCommand& command) {
   const Int3 size = box.Size();
   const store::ReadStats read = source->read_stats();
   if (command.output.json) {
-    PrintLine(nlohmann::json({{"output", command.file},
+    PrintJson(nlohmann::json({{"output", command.file},
                               {"dataset", command.dataset},
                               {"step", command.step},
                               {"field", field},
@@ -90,8 +99,7 @@ Status Run(const ExtractCommand& command) {
                               {"box", {box.lo.x, box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z}},
                               {"chunks_read", read.chunks_read},
                               {"chunks_total", read.chunks_total},
-                              {"bytes_read", read.bytes_read}})
-                  .dump());
+                              {"bytes_read", read.bytes_read}}));
     return absl::OkStatus();
   }
   PrintLine(fmt::format("{}: {} x {} x {} float32 of {} at step {}{}; {} of {} chunks read",

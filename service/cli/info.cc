@@ -94,11 +94,11 @@ Status Run(const InfoCommand& command) {
     for (const client::DatasetSummary& summary : summaries) {
       list.push_back(ToJson(summary));
     }
-    PrintLine(json({{"datasets", list}}).dump());
+    PrintJson(json({{"datasets", list}}));
     return absl::OkStatus();
   }
   for (const client::DatasetSummary& summary : summaries) {
-    command.output.json ? PrintLine(ToJson(summary).dump()) : Print(summary);
+    command.output.json ? PrintJson(ToJson(summary)) : Print(summary);
   }
   if (summaries.empty()) {
     Note(command.output, "the server has no datasets");

@@ -11,7 +11,7 @@ namespace {
 void PrintReport(const IngestCommand& command, const ingest::IngestReport& report, double seconds) {
   const double mib = static_cast<double>(report.input_bytes) / (1 << 20);
   if (command.output.json) {
-    PrintLine(nlohmann::json({{"dataset", command.ingest.output},
+    PrintJson(nlohmann::json({{"dataset", command.ingest.output},
                               {"steps", report.steps},
                               {"nx", report.dims.x},
                               {"ny", report.dims.y},
@@ -24,8 +24,7 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
                               {"read_ms", report.read_ms},
                               {"transform_ms", report.transform_ms},
                               {"write_ms", report.write_ms},
-                              {"total_ms", seconds * 1000}})
-                  .dump());
+                              {"total_ms", seconds * 1000}}));
     return;
   }
   std::string fields;

@@ -1,4 +1,6 @@
 #include <cstdio>
+#include <exception>
+#include <new>
 #include <string>
 #include <variant>
 #include <vector>
@@ -6,11 +8,12 @@
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
 
-int main(int argc, char** argv) {
-  using namespace fovea;
+namespace fovea {
+namespace {
+
+int Main(const std::vector<std::string>& arguments) {
   cli::InstallSignalHandlers();
-  const cli::ParseResult parsed =
-      cli::ParseCommandLine(std::vector<std::string>(argv + 1, argv + argc));
+  const cli::ParseResult parsed = cli::ParseCommandLine(arguments);
   if (!parsed.command) {
     parsed.exit_status == 0 ? cli::PrintLine(parsed.text) : cli::PrintError(parsed.text);
     return parsed.exit_status;
@@ -26,4 +29,18 @@ int main(int argc, char** argv) {
     return 1;
   }
   return 0;
+}
+
+}  // namespace
+}  // namespace fovea
+
+int main(int argc, char** argv) {
+  try {
+    return fovea::Main(std::vector<std::string>(argv + 1, argv + argc));
+  } catch (const std::bad_alloc&) {
+    fovea::cli::PrintError("out of memory: a smaller --size or a lower --rate needs less");
+  } catch (const std::exception& error) {
+    fovea::cli::PrintError(std::string("internal error: ") + error.what());
+  }
+  return 1;
 }

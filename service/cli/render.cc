@@ -15,7 +15,7 @@ void PrintFrame(const RenderCommand& command, const frames::Frame& frame, const 
     nlohmann::json value = frames::FrameToJson(frame);
     value["output"] = command.file;
     value["flags"] = flags;
-    PrintLine(value.dump());
+    PrintJson(value);
     return;
   }
   const frames::FrameStats& stats = frame.stats;

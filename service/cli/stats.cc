@@ -85,7 +85,7 @@ Status Run(const StatsCommand& command) {
     steps.push_back(std::move(one));
   }
   if (command.output.json) {
-    PrintLine(json({{"dataset", command.dataset}, {"steps", steps}}).dump());
+    PrintJson(json({{"dataset", command.dataset}, {"steps", steps}}));
   }
   return absl::OkStatus();
 }

@@ -19,12 +19,11 @@ Status Run(const VerifyCommand& command) {
     return report.status();
   }
   if (command.output.json) {
-    PrintLine(nlohmann::json({{"dataset", command.dataset},
+    PrintJson(nlohmann::json({{"dataset", command.dataset},
                               {"steps", report->steps},
                               {"chunks", report->chunks},
                               {"bytes", report->bytes},
-                              {"problems", report->problems}})
-                  .dump());
+                              {"problems", report->problems}}));
   } else {
     PrintLine(fmt::format("{}: {} steps, {} chunks, {} checked", command.dataset, report->steps,
                           report->chunks, HumanBytes(report->bytes)));

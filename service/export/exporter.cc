@@ -56,7 +56,7 @@ std::string SettingsOf(const FrameProvider& provider, const ExportOptions& optio
       settings["animation"].push_back({spec["view"], spec["fovea"], spec["rate"]});
     }
   }
-  return settings.dump(1) + "\n";
+  return settings.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
 }
 
 std::string ManifestStem(const std::string& output) {

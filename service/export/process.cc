@@ -144,6 +144,7 @@ ProgramResult FedProgram::Finish() {
   result.exit_status = WaitFor(std::exchange(process_, -1));
   result.output = ReadMemoryFile(output_, kOutputLimit, /*from_end=*/false);
   result.errors = ReadMemoryFile(errors_, kErrorLimit, /*from_end=*/true);
+  result.errors.resize(result.errors.find_last_not_of(" \n") + 1);
   return result;
 }
 

@@ -12,7 +12,7 @@ namespace fovea::exports {
 struct ProgramResult {
   int exit_status = 0;  // 128 + signal if one ended it
   std::string output;   // stdout, at most the first 1 MiB
-  std::string errors;   // stderr, at most the last 4 KiB
+  std::string errors;   // stderr, at most the last 4 KiB, without blanks at the end
 };
 
 /// A program that is fed through its standard input. It runs in a process group of its own, so

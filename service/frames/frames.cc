@@ -1,5 +1,7 @@
 #include "service/frames/frames.h"
 
+#include <unistd.h>
+
 #include <utility>
 
 #include "engine/base/stopwatch.h"
@@ -21,6 +23,22 @@ render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
   settings.height_px = static_cast<int>(*resolved.height_px);
   settings.threads = threads;
   return settings;
+}
+
+/// Refuses what this machine could not hold anyway, before anything is read. Measured: 9 bytes a
+/// coefficient, 26 a pixel.
+Status CheckMemory(const RetainedSet& retained, const FrameSpec& resolved) {
+  const double need = 10.0 * static_cast<double>(retained.CoefficientCount()) +
+                      28.0 * static_cast<double>(*resolved.width_px * *resolved.height_px);
+  const double have =
+      static_cast<double>(::sysconf(_SC_PHYS_PAGES)) * static_cast<double>(::sysconf(_SC_PAGESIZE));
+  if (need > have) {
+    return ResourceExhausted(
+        "rate {} and a picture of {}x{} need about {:.1f} GB of memory, this machine has {:.1f}; "
+        "ask for a lower rate or a smaller picture",
+        *resolved.rate, *resolved.width_px, *resolved.height_px, need / 1e9, have / 1e9);
+  }
+  return absl::OkStatus();
 }
 
 void AddReadStats(const store::ReadStats& read, const std::string& field, Frame* frame) {
@@ -55,6 +73,7 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
   FOVEA_ASSIGN_OR_RETURN(
       const RetainedSet retained,
       RetainedSet::Make(info.hierarchy, Fovea{resolved.fovea->at, *resolved.rate}));
+  FOVEA_RETURN_IF_ERROR(CheckMemory(retained, resolved));
 
   ReconstructStats reconstruct_stats;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,

@@ -26,7 +26,8 @@ namespace fovea::frames {
                                               const FrameSpec& defaults);
 
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
-/// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there.
+/// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,
+/// RESOURCE_EXHAUSTED for what the machine's memory could not hold.
 [[nodiscard]] StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name,
                                           int64_t step, const FrameSpec& resolved, int threads);
 
