@@ -120,10 +120,11 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
     return Unavailable("cannot make a socket pair: {}", std::strerror(errno));
   }
   channel_ = std::make_unique<Channel>(sockets[0]);
+  const auto seconds = static_cast<int64_t>(std::ceil(SecondsPerFile(options_.limits)));
   const auto pid =
       Spawn(program,
             {"--memory-bytes", std::to_string(WorkerMemoryBytes(options_)), "--seconds-per-file",
-             std::to_string(static_cast<int64_t>(std::ceil(SecondsPerFile(options_.limits))))},
+             std::to_string(seconds), "--dies-with-thread", options_.dies_with_thread ? "1" : "0"},
             sockets[1]);
   ::close(sockets[1]);
   FOVEA_RETURN_IF_ERROR(pid.status());

@@ -23,14 +23,16 @@ struct WorkerOptions {
   /// The most bytes that one grid or file declares to need in memory.
   int64_t declared_bytes = 0;
   std::string program;  // empty: fovea-worker, where FindProgram finds it
+  /// Whether the process goes with the thread that started it, not only with the client.
+  bool dies_with_thread = true;
 };
 
 /// The memory limit of a worker: as asked for, else 512 MB + 3 x the declared bytes, at most what
 /// the machine has. 0: no limit (programs built with sanitizers reserve far more than they use).
 [[nodiscard]] int64_t WorkerMemoryBytes(const WorkerOptions& options);
 
-/// A worker process, started at the first call and again after it died. One thread at a time; the
-/// process goes with the thread that started it, and with the client.
+/// A worker process, started at the first call and again after it died; it goes with the client.
+/// One thread at a time.
 class WorkerClient {
  public:
   explicit WorkerClient(WorkerOptions options) : options_(std::move(options)) {}

@@ -24,8 +24,9 @@ Status SetLimit(__rlimit_resource resource, const char* name, rlim_t soft, rlim_
 
 }  // namespace
 
-Status LimitProcess(int64_t memory_bytes) {
-  if (::prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0) != 0 ||
+Status LimitProcess(int64_t memory_bytes, bool dies_with_thread) {
+  const int signal = dies_with_thread ? SIGKILL : 0;
+  if (::prctl(PR_SET_PDEATHSIG, signal, 0, 0, 0) != 0 ||
       ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
     return Internal("prctl: {}", std::strerror(errno));
   }

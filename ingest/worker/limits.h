@@ -8,9 +8,9 @@
 namespace fovea::ingest {
 
 /// Gives up, before any foreign byte is read, what a reader of files does not need: memory beyond
-/// `memory_bytes` of address space (0: no limit), core dumps, many open files, new privileges; and
-/// dies with the thread that started it.
-[[nodiscard]] Status LimitProcess(int64_t memory_bytes);
+/// `memory_bytes` of address space (0: no limit), core dumps, many open files, new privileges. With
+/// `dies_with_thread` the process is killed when the thread that started it ends.
+[[nodiscard]] Status LimitProcess(int64_t memory_bytes, bool dies_with_thread);
 
 /// Allows `seconds` more of processor time on each processor, counted from now.
 [[nodiscard]] Status LimitProcessorTime(int64_t seconds);

@@ -22,6 +22,7 @@ namespace {
 struct Settings {
   int64_t memory_bytes = 0;
   int64_t seconds_per_file = 120;
+  bool dies_with_thread = true;
 };
 
 Status Answer(const Frame& request, Channel* channel) {
@@ -71,6 +72,8 @@ bool ParseSettings(int argc, char** argv, Settings* settings) {
       settings->memory_bytes = value;
     } else if (name == "--seconds-per-file") {
       settings->seconds_per_file = value;
+    } else if (name == "--dies-with-thread") {
+      settings->dies_with_thread = value != 0;
     } else {
       return false;
     }
@@ -87,7 +90,7 @@ int Main(int argc, char** argv) {
     return 2;
   }
   Channel channel(STDIN_FILENO);
-  Status status = LimitProcess(settings.memory_bytes);
+  Status status = LimitProcess(settings.memory_bytes, settings.dies_with_thread);
   if (status.ok()) {
     status = Serve(settings, &channel);
   }

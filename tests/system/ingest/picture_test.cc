@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <OpenImageIO/imageio.h>
@@ -55,6 +56,17 @@ TEST(WritePictureFileTest, PicturesComeBackAsWritten) {
     ++files;
   }
   EXPECT_EQ(files, 3);  // no temporary file is left
+}
+
+TEST(WritePictureFileTest, PicturesMayComeFromThreadsThatEnd) {
+  const TemporaryFolder folder;
+  for (const std::string name : {"a.exr", "b.exr", "c.exr"}) {
+    Status status;
+    std::thread writer(
+        [&] { status = WritePictureFile(folder / name, kWidth, kHeight, Pixels()); });
+    writer.join();
+    EXPECT_OK(status);
+  }
 }
 
 TEST(WritePictureFileTest, WhatCannotBeWrittenIsReported) {
