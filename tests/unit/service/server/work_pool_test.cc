@@ -92,25 +92,22 @@ TEST(WorkPoolTest, WhatIsRemovedNeverRunsAndFreesItsPlace) {
 }
 
 TEST(WorkPoolTest, JobsThatNeedTooMuchMemoryTogetherRunOneAfterTheOther) {
-  std::atomic<int64_t> used = 0;
-  std::atomic<int64_t> most = 0;
-  std::latch done(40);
+  std::promise<void> small_started;
+  std::promise<void> large_started;
+  auto small = small_started.get_future();
+  auto large = large_started.get_future();
+  std::promise<bool> overlapped;
   WorkPool pool(Limits(4, 100, 10));
-  for (int i = 0; i < 40; ++i) {
-    const int64_t bytes = i % 10 == 0 ? 50 : 1 + i % 6;  // 50 is above the limit: alone
-    ASSERT_OK(pool.Submit(bytes,
-                          [&, bytes](int) {
-                            const int64_t now = used += bytes;
-                            int64_t before = most;
-                            while (now > before && !most.compare_exchange_weak(before, now)) {
-                            }
-                            used -= bytes;
-                            done.count_down();
-                          })
-                  .status());
-  }
-  done.wait();
-  EXPECT_EQ(most, 50);
+  ASSERT_OK(pool.Submit(6,
+                        [&](int) {
+                          small.wait();  // 6 + 4 fit
+                          overlapped.set_value(large.wait_for(milliseconds(50)) ==
+                                               std::future_status::ready);
+                        })
+                .status());
+  ASSERT_OK(pool.Submit(4, [&](int) { small_started.set_value(); }).status());
+  ASSERT_OK(pool.Submit(50, [&](int) { large_started.set_value(); }).status());  // alone
+  EXPECT_FALSE(overlapped.get_future().get());
 }
 
 TEST(WorkPoolTest, AJobAloneGetsAllThreads) {
