@@ -402,7 +402,7 @@ Status SweepArray(const std::string& path, const ArraySpec& array, int64_t steps
   for (const std::string& name : names) {
     const auto indices = ParseChunkName(name, array.shape.size() + 1);
     if (IsTemporaryName(name) || (indices && indices->front() >= files)) {
-      FOVEA_RETURN_IF_ERROR(RemoveFile(folder + "/" + name));
+      FOVEA_RETURN_IF_ERROR(RemoveFile(fmt::format("{}/{}", folder, name)));
     }
   }
   if (array_steps == steps) {
@@ -418,7 +418,7 @@ Status SweepTemporaryFiles(const std::string& folder) {
   FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListDirectory(folder));
   for (const std::string& name : names) {
     if (IsTemporaryName(name)) {
-      FOVEA_RETURN_IF_ERROR(RemoveFile(folder + "/" + name));
+      FOVEA_RETURN_IF_ERROR(RemoveFile(fmt::format("{}/{}", folder, name)));
     }
   }
   return absl::OkStatus();

@@ -323,6 +323,18 @@ TEST_F(DamagedStore, MetadataThatIsNoMetadataIsRefused) {
   EXPECT_OK(ReadAll(path_));
 }
 
+TEST_F(DamagedStore, TheGroupOfAFieldIsChecked) {
+  const std::string file = File("density/zarr.json");
+  json group = json::parse(ReadText(file));
+  group["attributes"]["note"] = "mine";  // these are free for others to use
+  WriteBytes(file, group.dump());
+  EXPECT_OK(ReadAll(path_));
+  group["node_type"] = "array";
+  WriteBytes(file, group.dump());
+  EXPECT_THAT(ReadAll(path_), FailsWith(kDataLoss, file));
+  ExpectProblem(file);
+}
+
 TEST_F(DamagedStore, APipeInPlaceOfAFileIsRefused) {
   fs::remove(File("time/c.0"));
   ASSERT_EQ(::mkfifo(File("time/c.0").c_str(), 0600), 0);
