@@ -168,7 +168,7 @@ StatusOr<std::vector<SequenceFile>> FillGaps(std::vector<SequenceFile> files,
       }
       if (on_missing == OnMissing::kError) {
         return NotFound(
-            "step missing: there is no file '{}' between '{}' and '{}' (leave it out with "
+            "there is no file '{}' between '{}' and '{}' (leave it out with "
             "--on-missing skip, or let the step before stand in with --on-missing hold)",
             MissingName(filled.back(), missing), filled.back().path, file.path);
       }

@@ -185,8 +185,12 @@ TransferFunction DefaultTransferFunction(std::span<const FieldStats> steps,
     }
   }
   const double background = BackgroundOf(fullest);
-  const Side below = MeasureSide(all, background, -1);
-  const Side above = MeasureSide(all, background, 1);
+  // Both sides of the background only where values have a sign; a scan's low values are air.
+  const bool is_signed =
+      all.low < 0 && all.high > 0 && std::abs(background) < 0.05 * (all.high - all.low);
+  const bool upwards = all.high - background >= background - all.low;
+  const Side below = is_signed || !upwards ? MeasureSide(all, background, -1) : Side();
+  const Side above = is_signed || upwards ? MeasureSide(all, background, 1) : Side();
   const double voxels = below.voxels + above.voxels;
   if (voxels <= 0) {
     return {{{background, {1, 1, 1}, 0}}};

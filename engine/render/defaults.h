@@ -19,7 +19,8 @@ namespace fovea::render {
 [[nodiscard]] double DefaultRate(const Hierarchy& hierarchy);
 
 /// A transfer function over the series' value range: the background (the fullest bin of the
-/// histograms) transparent, values far from it brighter and more opaque, scaled to the volume's
+/// histograms) transparent, values far above it brighter and more opaque (far below it, where that
+/// side is the longer one; on both sides around a background near 0), scaled to the volume's
 /// size so that the picture is neither empty nor a solid block.
 [[nodiscard]] TransferFunction DefaultTransferFunction(std::span<const FieldStats> steps,
                                                        const Hierarchy& hierarchy);

@@ -28,7 +28,7 @@ VdbArchive::VdbArchive(const std::string& path)
   int64_t magic = 0;
   stream_.read(reinterpret_cast<char*>(&magic), sizeof(magic));
   if (file_bytes_ < kMagicBytes || magic != openvdb::OPENVDB_MAGIC) {
-    throw VdbFormatError("not a VDB file");
+    throw VdbFormatError("not a VDB file (headerless voxels need --raw FORMAT)");
   }
   stream_.seekg(0);
   stream_.exceptions(std::ios::failbit | std::ios::badbit);

@@ -39,6 +39,12 @@ void InstallSignalHandlers() {
   std::signal(SIGXFSZ, SIG_IGN);
 }
 
+void ResetSignalHandlers() {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    std::signal(signal, SIG_DFL);
+  }
+}
+
 bool Interrupted() {
   return interrupted != 0;
 }

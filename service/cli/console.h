@@ -17,6 +17,8 @@ namespace fovea::cli {
 /// From now on the first SIGINT or SIGTERM only sets Interrupted; the next one ends the process.
 /// SIGPIPE and SIGXFSZ are ignored: writing then fails, and says so.
 void InstallSignalHandlers();
+/// SIGINT and SIGTERM end the process again, as where nothing was installed.
+void ResetSignalHandlers();
 [[nodiscard]] bool Interrupted();
 
 /// One line on stdout. A closed stdout ends the output silently.

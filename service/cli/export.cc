@@ -106,6 +106,9 @@ Status Run(const ExportCommand& command) {
   const std::string flags = PinningFlags(options.spec, info.hierarchy.dims());
   if (!command.output.json) {
     PrintLine("pinned by: " + flags);
+    if (options.animation) {
+      PrintLine("view, fovea, rate and step follow the animation where it sets them");
+    }
   }
   const StatusOr<exports::ExportReport> report = [&] {
     Progress progress(command.output, "export", "frames");

@@ -102,9 +102,9 @@ Status Run(const ExtractCommand& command) {
                               {"bytes_read", read.bytes_read}}));
     return absl::OkStatus();
   }
-  PrintLine(fmt::format("{}: {} x {} x {} float32 of {} at step {}{}; {} of {} chunks read",
-                        command.file, size.x, size.y, size.z, field, command.step,
-                        retained ? ", foveated" : "", read.chunks_read, read.chunks_total));
+  PrintLine(fmt::format("{}: {} x {} x {} float32 of {} at step {}{}; {} read", command.file,
+                        size.x, size.y, size.z, field, command.step, retained ? ", foveated" : "",
+                        HumanBytes(read.bytes_read)));
   return absl::OkStatus();
 }
 

@@ -1,5 +1,7 @@
 #include "ingest/ingest.h"
 
+#include <filesystem>
+
 #include <nlohmann/json.hpp>
 
 #include "service/cli/commands.h"
@@ -44,6 +46,11 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
 
 Status Run(const IngestCommand& command) {
   const Stopwatch watch;
+  const std::filesystem::path folder = std::filesystem::path(command.ingest.output).parent_path();
+  std::error_code ignored;  // what cannot be made is reported by the store, with its path
+  if (!folder.empty() && !command.ingest.append) {
+    std::filesystem::create_directories(folder, ignored);
+  }
   StatusOr<ingest::IngestReport> report = [&] {
     Progress progress(command.output, "ingest", "steps");
     return ingest::Ingest(command.ingest, [&](const ingest::IngestProgress& now) {

@@ -38,7 +38,13 @@ void PrintFrame(const RenderCommand& command, const frames::Frame& frame, const 
 Status Run(const RenderCommand& command) {
   FOVEA_ASSIGN_OR_RETURN(const auto format, exports::PictureFormatOf(command.file));
   FOVEA_ASSIGN_OR_RETURN(const auto provider, OpenPictures(command.input, command.output));
+  if (Interrupted()) {
+    return Cancelled("stopped; {} was not written", command.file);
+  }
+  // There is nothing to keep before the picture is there: Ctrl-C may end the process at once.
+  ResetSignalHandlers();
   FOVEA_ASSIGN_OR_RETURN(const frames::Frame frame, provider->Render(command.step, command.spec));
+  InstallSignalHandlers();
   FOVEA_RETURN_IF_ERROR(exports::WritePicture(command.file, format, frame));
   for (const frames::Warning& warning : frame.warnings) {
     Note(command.output, "warning: " + warning.message);
