@@ -66,7 +66,10 @@ class Interrupt(support.FoveaTest):
         self.fovea("verify", store)
 
     def test_progress_rewrites_its_line_on_a_terminal(self):
-        master, slave = pty.openpty()
+        try:
+            master, slave = pty.openpty()
+        except OSError as error:  # a bare chroot has no /dev/pts
+            self.skipTest(f"no terminals here: {error}")
         process = subprocess.Popen([support.FOVEA, "verify", str(self.store)],
                                    stdout=subprocess.DEVNULL, stderr=slave)
         os.close(slave)
