@@ -81,12 +81,18 @@ TEST_P(RoundTrip, GivesBackWindows) {
   }
 }
 
+std::string NameOf(const ::testing::TestParamInfo<Shape>& shape) {
+  const Int3& dims = shape.param.dims;
+  return fmt::format("{}x{}x{}_by_{}", dims.x, dims.y, dims.z, shape.param.edge);
+}
+
 INSTANTIATE_TEST_SUITE_P(Shapes, RoundTrip,
                          ::testing::Values(Shape{{64, 64, 64}, 16}, Shape{{37, 50, 81}, 8},
                                            Shape{{103, 30, 61}, 16}, Shape{{70, 45, 33}, 32},
                                            Shape{{17, 1, 1}, 8}, Shape{{1, 3, 200}, 16},
                                            Shape{{16, 16, 16}, 16}, Shape{{5, 1, 9}, 8},
-                                           Shape{{150, 9, 11}, 8}));
+                                           Shape{{150, 9, 11}, 8}),
+                         NameOf);
 
 TEST(Dataset, KeepsWhatItIsToldAboutTheData) {
   TemporaryFolder folder;
