@@ -160,7 +160,7 @@ StatusOr<std::vector<PlannedFrame>> NotDone(const std::vector<PlannedFrame>& pla
     report->notes.push_back(
         fmt::format("{} frames there were made with other settings and are made again", stale));
   }
-  if (state != Manifest::State::kSame || overwrite) {
+  if (state != Manifest::State::kSame) {
     FOVEA_RETURN_IF_ERROR(manifest.Write());
   }
   return todo;
@@ -189,10 +189,11 @@ Status ExportPictures(FrameProvider& provider, const ExportOptions& options,
       provider, todo, [&](const PlannedFrame& planned_frame, const frames::Frame& frame) -> Status {
         FOVEA_RETURN_IF_ERROR(WritePicture(planned_frame.path, format, frame));
         AddFrame(frame, report);
-        const bool go_on = progress({report->frames_made + report->frames_skipped,
-                                     report->frames_total, planned_frame.path});
-        return go_on ? absl::OkStatus()
-                     : Stopped(*report, "they stay; the same command goes on after them");
+        const int64_t done = report->frames_made + report->frames_skipped;
+        const bool go_on = progress({done, report->frames_total, planned_frame.path});
+        return go_on || done == report->frames_total
+                   ? absl::OkStatus()
+                   : Stopped(*report, "they stay; the same command goes on after them");
       });
 }
 
@@ -219,7 +220,9 @@ Status ExportMovie(FrameProvider& provider, const ExportOptions& options,
         FOVEA_RETURN_IF_ERROR(writer->Write(frame.pixels));
         AddFrame(frame, report);
         const bool go_on = progress({report->frames_made, report->frames_total, options.output});
-        return go_on ? absl::OkStatus() : Stopped(*report, "an unfinished movie is not kept");
+        return go_on || report->frames_made == report->frames_total
+                   ? absl::OkStatus()
+                   : Stopped(*report, "an unfinished movie is not kept");
       });
   FOVEA_RETURN_IF_ERROR(rendered);
   return writer->Finish();

@@ -16,6 +16,15 @@ size_t RunLength(const std::vector<int64_t>& steps, size_t begin) {
   return end - begin;
 }
 
+/// The cheapest frame that `spec` may become.
+frames::FrameSpec Tiny(frames::FrameSpec spec) {
+  spec.rate = 1;
+  spec.width_px = 1;
+  spec.height_px = 1;
+  spec.encoding = frames::Encoding::kRawRgba8;
+  return spec;
+}
+
 class RemoteProvider final : public FrameProvider {
  public:
   RemoteProvider(std::unique_ptr<client::Client> client, client::DatasetSummary summary,
@@ -28,11 +37,7 @@ class RemoteProvider final : public FrameProvider {
   // The service tells time and number of a step with its frame only, so the smallest frames there
   // are get asked for.
   StatusOr<std::vector<StepInfo>> Describe(const std::vector<int64_t>& steps) override {
-    frames::FrameSpec tiny;
-    tiny.rate = 1;
-    tiny.width_px = 1;
-    tiny.height_px = 1;
-    tiny.encoding = frames::Encoding::kRawRgba8;
+    const frames::FrameSpec tiny = Tiny({});
     std::vector<StepInfo> described;
     FOVEA_RETURN_IF_ERROR(RenderEach(steps, tiny, [&](const frames::Frame& frame) {
       described.push_back({frame.step, frame.time_ns, frame.frame_number});
@@ -41,17 +46,19 @@ class RemoteProvider final : public FrameProvider {
     return described;
   }
 
-  // Only the server can choose the defaults of another field; a frame says what it used.
+  // Only the server can choose the defaults of another field; a frame says what it used. What does
+  // not bear on that choice is made cheap, and put back.
   StatusOr<frames::FrameSpec> Resolve(const frames::FrameSpec& spec) override {
-    frames::FrameSpec tiny = spec;
-    tiny.width_px = 1;
-    tiny.height_px = 1;
-    tiny.encoding = frames::Encoding::kRawRgba8;
+    const frames::FrameSpec& defaults = summary_.default_spec;
+    frames::FrameSpec tiny = Tiny(spec);
+    tiny.strict = false;
     FOVEA_ASSIGN_OR_RETURN(const frames::Frame frame, client_->RenderFrame(summary_.name, 0, tiny));
     frames::FrameSpec resolved = frame.used;
-    resolved.width_px = spec.width_px ? spec.width_px : summary_.default_spec.width_px;
-    resolved.height_px = spec.height_px ? spec.height_px : summary_.default_spec.height_px;
+    resolved.rate = spec.rate ? spec.rate : defaults.rate;
+    resolved.width_px = spec.width_px ? spec.width_px : defaults.width_px;
+    resolved.height_px = spec.height_px ? spec.height_px : defaults.height_px;
     resolved.encoding = spec.encoding;
+    resolved.strict = spec.strict;
     return resolved;
   }
 

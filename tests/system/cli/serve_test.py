@@ -55,7 +55,7 @@ class Serve(support.FoveaTest):
             self.assertEqual(served.read_bytes(), local.read_bytes(), name)
 
     def test_export_streams_the_same_frames(self):
-        flags = ["--size", "64x48", "--steps", "1-13x3"]
+        flags = ["--size", "64x48", "--steps", "1-13x3", "--field", "temperature", "--strict"]
         served, local = self.folder / "served", self.folder / "local"
         report = self.ask("export", "lab/plume", *flags, "-o", served / "f.####.png")
         self.assertEqual(report["frames_made"], 5)
