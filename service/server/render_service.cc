@@ -61,6 +61,32 @@ void PrepareAndRender(Services& services, const wire::FrameRequest& request,
                 });
 }
 
+/// A SequenceStream on gRPC. Deletes itself when gRPC is done with it; the stream lives on for as
+/// long as jobs of it do.
+class SequenceReactor final : public grpc::ServerWriteReactor<v1::Frame>, public FrameSink {
+ public:
+  SequenceReactor(Services& services, const v1::RenderSequenceRequest& request)
+      : stream_(std::make_shared<SequenceStream>(services, *this, request.window())) {
+    auto slot = services.calls.Enter();
+    if (slot) {
+      slot_ = *std::move(slot);
+    }
+    stream_->Start(slot ? wire::FromProto(request) : DrainingError());
+  }
+
+  void Write(const v1::Frame& frame) override { StartWrite(&frame); }
+  void Finish(const Status& status) override {
+    grpc::ServerWriteReactor<v1::Frame>::Finish(wire::ToGrpc(status));
+  }
+  void OnWriteDone(bool ok) override { stream_->OnWriteDone(ok); }
+  void OnCancel() override { stream_->OnCancel(); }
+  void OnDone() override { delete this; }
+
+ private:
+  CallTracker::Slot slot_;
+  const std::shared_ptr<SequenceStream> stream_;
+};
+
 Status AcknowledgeStream(Services& services, const v1::AcknowledgeRequest& request) {
   const auto stream = services.streams.Find(request.stream_id());
   if (stream == nullptr) {
@@ -90,7 +116,7 @@ grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext
 
 grpc::ServerWriteReactor<v1::Frame>* RenderService::RenderSequence(
     grpc::CallbackServerContext* /*context*/, const v1::RenderSequenceRequest* request) {
-  return SequenceStream::Start(services_, *request).get();
+  return new SequenceReactor(services_, *request);  // deletes itself
 }
 
 /// Also while the server drains: the streams that still run need it. Waits for nothing, so it is

@@ -2,32 +2,21 @@
 
 #include <utility>
 
-#include "service/wire/status.h"
-
 namespace fovea::server {
 namespace {
 
-/// A frame that is ready, one being written, and the bytes that gRPC makes of that one.
+/// A frame that is ready, one being written, and the bytes that are made of that one.
 constexpr int64_t kFramesHeld = 3;
 
 }  // namespace
 
-std::shared_ptr<SequenceStream> SequenceStream::Start(Services& services,
-                                                      const v1::RenderSequenceRequest& request) {
-  auto stream = std::make_shared<SequenceStream>(Private(), services, request.window());
-  stream->self_ = stream;
-  if (const Status status = stream->Admit(wire::FromProto(request)); !status.ok()) {
-    stream->Handle([&](SequencePacer& pacer) { return pacer.OnOpenFailed(status); });
+void SequenceStream::Start(StatusOr<wire::SequenceRequest> request) {
+  if (const Status status = Admit(std::move(request)); !status.ok()) {
+    Handle([&](SequencePacer& pacer) { return pacer.OnOpenFailed(status); });
   }
-  return stream;
 }
 
 Status SequenceStream::Admit(StatusOr<wire::SequenceRequest> request) {
-  auto slot = services_.calls.Enter();
-  if (!slot) {
-    return DrainingError();
-  }
-  slot_ = *std::move(slot);
   FOVEA_RETURN_IF_ERROR(request.status());
   request_ = *std::move(request);
   if (!request_.stream_id.empty()) {
@@ -93,7 +82,7 @@ void SequenceStream::Act(SequencePacer::Actions actions) {
     SubmitRender(*actions.render);
   }
   if (actions.write) {
-    StartWrite(&writing_);
+    sink_.Write(writing_);
   }
   if (actions.finish) {
     End(*actions.finish);
@@ -127,7 +116,7 @@ void SequenceStream::End(const Status& status) {
     services_.streams.Remove(request_.stream_id);
   }
   LogOutcome("RenderSequence", request_.dataset, status, watch_.ElapsedMs());
-  Finish(wire::ToGrpc(services_.catalogue->WithoutRoot(status)));
+  sink_.Finish(services_.catalogue->WithoutRoot(status));
 }
 
 Status SequenceStream::Acknowledge(uint64_t index) {
@@ -145,18 +134,12 @@ void SequenceStream::OnWriteDone(bool ok) {
 }
 
 void SequenceStream::OnCancel() {
-  const auto self = shared_from_this();  // Handle may end the call
   WorkPool::Ticket ticket = 0;
   Handle([&](SequencePacer& pacer) {
     ticket = ticket_;
     return pacer.OnCancelled();
   });
   services_.renders.Remove(ticket);
-}
-
-void SequenceStream::OnDone() {
-  slot_ = CallTracker::Slot();
-  self_.reset();  // may be the end of this
 }
 
 }  // namespace fovea::server

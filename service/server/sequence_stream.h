@@ -5,8 +5,6 @@
 #include <memory>
 #include <mutex>
 
-#include <grpcpp/support/server_callback.h>
-
 #include "engine/base/status.h"
 #include "engine/base/stopwatch.h"
 #include "fovea/v1/render.pb.h"
@@ -18,27 +16,31 @@
 
 namespace fovea::server {
 
-/// One RenderSequence: carries out in the pools and on the wire what its SequencePacer decides.
-/// Lives until gRPC and every job have let go of it, since a job may outlast the call. Thread-safe.
-class SequenceStream final : public grpc::ServerWriteReactor<v1::Frame>,
-                             public AcknowledgedStream,
+/// Where the frames of a stream go. Called from any thread, never twice at a time for writes.
+class FrameSink {
+ public:
+  virtual ~FrameSink() = default;
+  /// `frame` stays as it is until the stream is told of the end of the write.
+  virtual void Write(const v1::Frame& frame) = 0;
+  /// Once; nothing is called after it.
+  virtual void Finish(const Status& status) = 0;
+};
+
+/// One RenderSequence: carries out in the pools what its SequencePacer decides. Knows no gRPC, so
+/// that a thread sanitizer can follow all of it. A job of it may outlast the call: share it.
+/// Thread-safe.
+class SequenceStream final : public AcknowledgedStream,
                              public std::enable_shared_from_this<SequenceStream> {
  public:
-  /// Starts a stream, or ends it at once with what is wrong. Hand `get()` to gRPC.
-  [[nodiscard]] static std::shared_ptr<SequenceStream> Start(
-      Services& services, const v1::RenderSequenceRequest& request);
+  /// `sink` must live until its Finish is called. Use std::make_shared.
+  SequenceStream(Services& services, FrameSink& sink, uint32_t window)
+      : services_(services), sink_(sink), pacer_(window) {}
 
+  /// Starts the stream, or ends it with what is wrong with `request`. Call once, and first.
+  void Start(StatusOr<wire::SequenceRequest> request);
+  void OnWriteDone(bool ok);
+  void OnCancel();
   Status Acknowledge(uint64_t index) override;
-  void OnWriteDone(bool ok) override;
-  void OnCancel() override;
-  void OnDone() override;
-
- private:
-  struct Private {};
-
- public:
-  SequenceStream(Private, Services& services, uint32_t window)
-      : services_(services), pacer_(window) {}
 
  private:
   [[nodiscard]] Status Admit(StatusOr<wire::SequenceRequest> request);
@@ -53,9 +55,8 @@ class SequenceStream final : public grpc::ServerWriteReactor<v1::Frame>,
   void End(const Status& status);
 
   Services& services_;
+  FrameSink& sink_;
   const Stopwatch watch_;
-  std::shared_ptr<SequenceStream> self_;  // set before gRPC knows of it, reset when gRPC is done
-  CallTracker::Slot slot_;
   wire::SequenceRequest request_;  // not changed after Start
   bool registered_ = false;        // not changed after Start
   // Written by Prepare, before the first frame is asked for.
@@ -67,7 +68,7 @@ class SequenceStream final : public grpc::ServerWriteReactor<v1::Frame>,
   // All below: guarded by mutex_.
   SequencePacer pacer_;
   v1::Frame ready_;    // rendered, not written yet
-  v1::Frame writing_;  // gRPC's while a write is in flight
+  v1::Frame writing_;  // the sink's while a write is in flight
   WorkPool::Ticket ticket_ = 0;
 };
 
