@@ -44,18 +44,17 @@ Pixel GatheredOver(const Density& density, float depth) {
 /// One of the two accumulators of a level, as its children see it.
 class Inheritance {
  public:
-  Inheritance(const Layer& layer, const std::vector<Pixel>& pixels,
-              const std::vector<float>& depths, bool smooth, int threads)
-      : layer_(layer), pixels_(pixels), depths_(depths), smooth_(smooth) {
+  Inheritance(const Layer& layer, const Gathered& gathered, bool smooth, int threads)
+      : layer_(layer), gathered_(gathered), smooth_(smooth) {
     if (!smooth) {
       return;
     }
-    densities_.resize(pixels.size());
-    ParallelFor(0, static_cast<int64_t>(pixels.size()), 4096, threads,
+    densities_.resize(gathered.depth.size());
+    ParallelFor(0, static_cast<int64_t>(densities_.size()), 4096, threads,
                 [&](int64_t first, int64_t last) {
                   for (int64_t i = first; i < last; ++i) {
                     if (layer.split[i] != 0) {
-                      densities_[i] = DensityOf(pixels[i], depths[i]);
+                      densities_[i] = DensityOf(gathered.At(i), gathered.depth[i]);
                     }
                   }
                 });
@@ -65,7 +64,7 @@ class Inheritance {
   [[nodiscard]] Pixel For(int64_t u, int64_t v) const {
     const size_t own = layer_.Index(u >> 1, v >> 1);
     if (!smooth_) {
-      return pixels_[own];
+      return gathered_.At(own);
     }
     const int64_t du = (u & 1) != 0 ? 1 : -1;
     const int64_t dv = (v & 1) != 0 ? 1 : -1;
@@ -80,7 +79,7 @@ class Inheritance {
     }
     const float scale = 1 / weights;
     return GatheredOver({sum.tau * scale, sum.red * scale, sum.green * scale, sum.blue * scale},
-                        depths_[own]);
+                        gathered_.depth[own]);
   }
 
  private:
@@ -89,7 +88,7 @@ class Inheritance {
       return;
     }
     const size_t i = layer_.Index(u, v);
-    if (depths_[i] <= 0) {
+    if (gathered_.depth[i] <= 0) {
       return;
     }
     const Density& d = densities_[i];
@@ -101,16 +100,15 @@ class Inheritance {
   }
 
   const Layer& layer_;
-  const std::vector<Pixel>& pixels_;
-  const std::vector<float>& depths_;
+  const Gathered& gathered_;
   bool smooth_;
   std::vector<Density> densities_;
 };
 
 /// Composites what the children of `coarser`'s split pixels inherit onto `finer`.
 void PassDown(const Layer& coarser, bool smooth, int threads, Layer* finer) {
-  const Inheritance front(coarser, coarser.front, coarser.front_depth, smooth, threads);
-  const Inheritance back(coarser, coarser.back, coarser.back_depth, smooth, threads);
+  const Inheritance front(coarser, coarser.front, smooth, threads);
+  const Inheritance back(coarser, coarser.back, smooth, threads);
   const Rect& rect = finer->plan.rect;
   ParallelFor(rect.v0, rect.v1, 8, threads, [&](int64_t first, int64_t last) {
     for (int64_t v = first; v < last; ++v) {
@@ -120,10 +118,10 @@ void PassDown(const Layer& coarser, bool smooth, int threads, Layer* finer) {
         }
         const size_t own = finer->Index(u, v);
         const size_t parent = coarser.Index(u >> 1, v >> 1);
-        finer->front[own] = Over(front.For(u, v), finer->front[own]);
-        finer->back[own] = Over(finer->back[own], back.For(u, v));
-        finer->front_depth[own] += 2 * coarser.front_depth[parent];
-        finer->back_depth[own] += 2 * coarser.back_depth[parent];
+        finer->front.Set(own, Over(front.For(u, v), finer->front.At(own)));
+        finer->back.Set(own, Over(finer->back.At(own), back.For(u, v)));
+        finer->front.depth[own] += 2 * coarser.front.depth[parent];
+        finer->back.depth[own] += 2 * coarser.back.depth[parent];
       }
     }
   });
@@ -161,8 +159,8 @@ PyramidLevel Finish(Layer layer, const Layer* coarser, const PyramidLevel* finer
   const Rect rect = layer.plan.rect;
   PyramidLevel level;
   level.plan = std::move(layer.plan);
-  level.values.resize(layer.front.size());
-  level.present.resize(layer.front.size());
+  level.values.resize(layer.split.size());
+  level.present.resize(layer.split.size());
   ParallelFor(rect.v0, rect.v1, 8, threads, [&](int64_t first, int64_t last) {
     for (int64_t v = first; v < last; ++v) {
       for (int64_t u = rect.u0; u < rect.u1; ++u) {
@@ -171,7 +169,7 @@ PyramidLevel Finish(Layer layer, const Layer* coarser, const PyramidLevel* finer
         if (layer.split[i] != 0) {
           level.values[i] = MeanOfChildren(*finer, u, v);
         } else if (level.present[i] != 0) {
-          level.values[i] = Covered(Over(layer.front[i], layer.back[i]));
+          level.values[i] = Covered(Over(layer.front.At(i), layer.back.At(i)));
         }
       }
     }

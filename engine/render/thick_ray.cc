@@ -8,6 +8,13 @@
 
 namespace fovea::render {
 
+void Gathered::Clear(size_t pixels) {
+  for (std::vector<float>* plane : {&red, &green, &blue, &depth}) {
+    plane->assign(pixels, 0.0F);
+  }
+  transmittance.assign(pixels, 1.0F);
+}
+
 WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world, const Vec3& fovea,
                             const Weighting& weighting, int64_t v, int64_t k, double width,
                             double thickness) {
@@ -36,8 +43,8 @@ struct Run {
   const float* row1;
   float fu, fv;  // weights of the second taps
   int64_t begin, end;
-  Pixel* pixels;  // of pixel 0
-  float* depths;
+  Gathered* into;
+  int64_t at;  // where pixel 0 is there
 };
 
 class LevelTracer {
@@ -124,8 +131,8 @@ class LevelTracer {
     run.fv = static_cast<float>(slice.shift.v - whole_v);
     run.begin = begin;
     run.end = end;
-    run.pixels = (back ? layer_.back : layer_.front).data() + row_start - u0;
-    run.depths = (back ? layer_.back_depth : layer_.front_depth).data() + row_start - u0;
+    run.into = back ? &layer_.back : &layer_.front;
+    run.at = static_cast<int64_t>(row_start) - u0;
     Composite(run, slice, v);
     return static_cast<uint64_t>(end - begin);
   }
@@ -171,9 +178,12 @@ class LevelTracer {
       const float value =
           (w00 * run.row0[i] + w01 * run.row0[i + 1]) + (w10 * run.row1[i] + w11 * run.row1[i + 1]);
       const Classified c = Classify(entries, offset, scale, value);
-      const float tau = optical_depth(i, c.sigma, &run.depths[i]);
+      const auto at = static_cast<size_t>(run.at + i);
+      const float tau = optical_depth(i, c.sigma, &run.into->depth[at]);
       if (tau > 0) {
-        Accumulate(c, tau, &run.pixels[i]);
+        Pixel pixel = run.into->At(at);
+        Accumulate(c, tau, &pixel);
+        run.into->Set(at, pixel);
       }
     }
   }
@@ -191,10 +201,8 @@ Layer EmptyLayer(LevelPlan plan) {
   const auto pixels = static_cast<size_t>(plan.rect.Width() * plan.rect.Height());
   Layer layer;
   layer.plan = std::move(plan);
-  layer.front.resize(pixels);
-  layer.back.resize(pixels);
-  layer.front_depth.resize(pixels);
-  layer.back_depth.resize(pixels);
+  layer.front.Clear(pixels);
+  layer.back.Clear(pixels);
   layer.split.resize(pixels);
   return layer;
 }

@@ -12,14 +12,29 @@
 
 namespace fovea::render {
 
+/// What rays have gathered, a plane for each channel, row by row over the level's rectangle.
+struct Gathered {
+  std::vector<float> red, green, blue, transmittance;
+  /// The depth composited, in the level's slices.
+  std::vector<float> depth;
+
+  [[nodiscard]] Pixel At(size_t i) const { return {red[i], green[i], blue[i], transmittance[i]}; }
+  void Set(size_t i, const Pixel& pixel) {
+    red[i] = pixel.red;
+    green[i] = pixel.green;
+    blue[i] = pixel.blue;
+    transmittance[i] = pixel.transmittance;
+  }
+  /// `pixels` pixels that have met nothing.
+  void Clear(size_t pixels);
+};
+
 /// One level of the intermediate image. Arrays are row by row over plan.rect.
 struct Layer {
   LevelPlan plan;
   /// Front F and back K of every pixel: what this level drew before and behind what its window's
   /// children draw. After Combine they hold all that lies before and behind, coarser levels too.
-  std::vector<Pixel> front, back;
-  /// The depth composited into each, in this level's slices.
-  std::vector<float> front_depth, back_depth;
+  Gathered front, back;
   /// Whether the next level draws part of this pixel's ray: it has four children there.
   std::vector<uint8_t> split;
 
