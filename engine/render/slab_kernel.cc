@@ -1,0 +1,364 @@
+#include "engine/render/slab_kernel.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/render/slab_kernel.cc"
+#include <hwy/foreach_target.h>  // IWYU pragma: keep
+// foreach_target.h must come first
+#include <cmath>
+
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace fovea::render::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using D = hn::ScalableTag<float>;
+using V = hn::Vec<D>;
+using M = hn::Mask<D>;
+
+/// ln(1 - opacity) for opacity 0 to 1, within 2 ulp. 1 is taken as 1 - 2^-24.
+HWY_INLINE V LogTransparency(V opacity) {
+  const D d;
+  const hn::RebindToSigned<D> di;
+  constexpr float kMost = 1.0F - 1.0F / (1 << 24);
+  const V one = hn::Set(d, 1.0F);
+  const V a = hn::Min(opacity, hn::Set(d, kMost));
+  const V u = hn::Sub(one, a);
+  // u was rounded: ln(1 - a) = ln(u - lost) = ln(u) - lost / u, and where anything was lost u >
+  // 1/2.
+  const V lost = hn::Sub(a, hn::Sub(one, u));
+  const V correction = hn::Mul(lost, hn::Sub(hn::Set(d, 2.0F), u));
+  // u = 2^k m, m in [sqrt(1/2), sqrt(2)).
+  const auto bits = hn::BitCast(di, u);
+  const auto k = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(di, 0x3F3504F3)));
+  const V f = hn::Sub(hn::BitCast(d, hn::Sub(bits, hn::ShiftLeft<23>(k))), one);
+  V p = hn::Set(d, 0.0870035995F);
+  p = hn::MulAdd(p, f, hn::Set(d, -0.142674763F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.14914787F));
+  p = hn::MulAdd(p, f, hn::Set(d, -0.16577586F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.199630623F));
+  p = hn::MulAdd(p, f, hn::Set(d, -0.25001337F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.333339108F));
+  const V square = hn::Mul(f, f);
+  // f - f^2/2 + f^3 p(f) + k ln 2
+  V log = hn::MulAdd(hn::Mul(square, f), p, hn::NegMulAdd(hn::Set(d, 0.5F), square, f));
+  log = hn::MulAdd(hn::ConvertTo(d, k), hn::Set(d, 0.693147181F), log);
+  return hn::Sub(log, correction);
+}
+
+/// exp(x) for x <= 0, within 2 ulp; 0 below -87.
+HWY_INLINE V ExpNegative(V x) {
+  const D d;
+  const hn::RebindToSigned<D> di;
+  const V t = hn::Max(hn::Mul(x, hn::Set(d, 1.44269504F)), hn::Set(d, -126.0F));
+  const auto whole = hn::NearestInt(t);
+  const V f = hn::Sub(t, hn::ConvertTo(d, whole));
+  V p = hn::Set(d, 0.00132647239F);
+  p = hn::MulAdd(p, f, hn::Set(d, 0.00967151287F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.0555073375F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.240222421F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.693146978F));
+  p = hn::MulAdd(p, f, hn::Set(d, 1.0F));
+  return hn::BitCast(d, hn::Add(hn::BitCast(di, p), hn::ShiftLeft<23>(whole)));
+}
+
+/// A row of taps, all lanes or the first few.
+struct Row {
+  const float* at;
+  HWY_INLINE V Load(int64_t offset) const { return hn::LoadU(D(), at + offset); }
+};
+struct PartialRow {
+  const float* at;
+  M mask;
+  HWY_INLINE V Load(int64_t offset) const { return hn::MaskedLoad(mask, D(), at + offset); }
+};
+
+struct Weights {
+  explicit Weights(const SlabRun& run)
+      : w00(hn::Set(D(), (1 - run.fu) * (1 - run.fv))),
+        w01(hn::Set(D(), run.fu * (1 - run.fv))),
+        w10(hn::Set(D(), (1 - run.fu) * run.fv)),
+        w11(hn::Set(D(), run.fu * run.fv)),
+        row(run.row_stride) {}
+  V w00, w01, w10, w11;
+  int64_t row;
+
+  /// Bilinear at `offset` from the pixel's first tap.
+  template <typename Taps>
+  HWY_INLINE V At(const Taps& taps, int64_t offset) const {
+    V value = hn::Mul(w00, taps.Load(offset));
+    value = hn::MulAdd(w01, taps.Load(offset + 1), value);
+    value = hn::MulAdd(w10, taps.Load(offset + row), value);
+    return hn::MulAdd(w11, taps.Load(offset + row + 1), value);
+  }
+};
+
+/// Colour of a value, and its opacity (by ramps) or the logarithm of its transparency (by table).
+struct Classified {
+  V red, green, blue, opacity;
+};
+
+HWY_INLINE Classified ByRamps(const KernelFunction& function, V value) {
+  const D d;
+  const V zero = hn::Zero(d);
+  Classified c{hn::Set(d, function.base[0]), hn::Set(d, function.base[1]),
+               hn::Set(d, function.base[2]), hn::Set(d, function.base[3])};
+  for (const KernelFunction::Ramp& ramp : function.ramps) {
+    // Max takes its second operand where the first is NaN.
+    const V past =
+        hn::Min(hn::Max(hn::Sub(value, hn::Set(d, ramp.start)), zero), hn::Set(d, ramp.length));
+    c.red = hn::MulAdd(past, hn::Set(d, ramp.slope[0]), c.red);
+    c.green = hn::MulAdd(past, hn::Set(d, ramp.slope[1]), c.green);
+    c.blue = hn::MulAdd(past, hn::Set(d, ramp.slope[2]), c.blue);
+    c.opacity = hn::MulAdd(past, hn::Set(d, ramp.slope[3]), c.opacity);
+  }
+  return c;
+}
+
+HWY_INLINE Classified ByTable(const TransferTable& table, V value) {
+  const D d;
+  const hn::RebindToSigned<D> di;
+  static_assert(sizeof(TransferTable::Entry) == 8 * sizeof(float));
+  V x = hn::Mul(hn::Sub(value, hn::Set(d, table.offset())), hn::Set(d, table.scale()));
+  x = hn::Min(hn::Max(x, hn::Zero(d)), hn::Set(d, static_cast<float>(TransferTable::kEntries - 1)));
+  const auto entry = hn::ConvertTo(di, x);
+  const V f = hn::Sub(x, hn::ConvertTo(d, entry));
+  const auto at = hn::ShiftLeft<3>(entry);
+  const float* first = &table.entries()->red;
+  const auto channel = [&](int c) HWY_ATTR {
+    return hn::MulAdd(f, hn::GatherIndex(d, first + c + 4, at), hn::GatherIndex(d, first + c, at));
+  };
+  return {channel(0), channel(1), channel(2), hn::Neg(channel(3))};
+}
+
+/// x to the power 2^n.
+HWY_INLINE V PowerOfPower(V x, int n) {
+  for (int i = 0; i < n; ++i) {
+    x = hn::Mul(x, x);
+  }
+  return x;
+}
+
+/// Ambient, diffuse and specular light (Blinn and Phong) on the isosurface through each sample;
+/// both sides are lit. Where the gradient is weak there is no surface and only its colour is dimmed
+/// less.
+template <typename Taps>
+HWY_INLINE void Shade(const KernelLight& light, const Weights& weights, const Taps& taps,
+                      int64_t slice_stride, Classified* c) {
+  const D d;
+  const V half = hn::Set(d, 0.5F);
+  const V gu = hn::Mul(half, hn::Sub(weights.At(taps, 1), weights.At(taps, -1)));
+  const V gv =
+      hn::Mul(half, hn::Sub(weights.At(taps, weights.row), weights.At(taps, -weights.row)));
+  const V gk =
+      hn::Mul(half, hn::Sub(weights.At(taps, slice_stride), weights.At(taps, -slice_stride)));
+  const float* m = light.gradient_to_world;
+  const auto row = [&](int r) HWY_ATTR {
+    return hn::MulAdd(
+        hn::Set(d, m[3 * r]), gu,
+        hn::MulAdd(hn::Set(d, m[3 * r + 1]), gv, hn::Mul(hn::Set(d, m[3 * r + 2]), gk)));
+  };
+  const V gx = row(0);
+  const V gy = row(1);
+  const V gz = row(2);
+  const V square = hn::MulAdd(gx, gx, hn::MulAdd(gy, gy, hn::Mul(gz, gz)));
+  const V total = hn::Add(square, hn::Set(d, light.weak_gradient));
+  const V strength = hn::Div(square, total);
+  const V inverse = hn::Div(hn::Set(d, 1.0F), hn::Sqrt(hn::Add(square, hn::Set(d, 1e-30F))));
+  const auto facing = [&](const float* to) HWY_ATTR {
+    const V dot = hn::MulAdd(gx, hn::Set(d, to[0]),
+                             hn::MulAdd(gy, hn::Set(d, to[1]), hn::Mul(gz, hn::Set(d, to[2]))));
+    return hn::Min(hn::Abs(hn::Mul(dot, inverse)), hn::Set(d, 1.0F));
+  };
+  const V one = hn::Set(d, 1.0F);
+  // Without a surface the diffuse part is full: a haze is as bright as unshaded.
+  const V lambert = hn::MulAdd(strength, hn::Sub(facing(light.to_light), one), one);
+  const V lit = hn::MulAdd(hn::Set(d, light.diffuse), lambert, hn::Set(d, light.ambient));
+  const V gloss = hn::Mul(hn::Mul(hn::Set(d, light.specular), strength),
+                          PowerOfPower(facing(light.halfway), light.shininess_log2));
+  c->red = hn::Min(hn::MulAdd(c->red, lit, gloss), one);
+  c->green = hn::Min(hn::MulAdd(c->green, lit, gloss), one);
+  c->blue = hn::Min(hn::MulAdd(c->blue, lit, gloss), one);
+}
+
+template <bool kTable, bool kTwoFields, bool kShaded>
+class Compositor {
+ public:
+  Compositor(const KernelFunction& function, const KernelFunction& color, const KernelLight* light,
+             const SlabRun& run)
+      : function_(function), color_(color), light_(light), run_(run), weights_(run) {}
+
+  HWY_INLINE void Run() const {
+    const D d;
+    const auto lanes = static_cast<int64_t>(hn::Lanes(d));
+    int64_t i = 0;
+    for (; i + lanes <= run_.count; i += lanes) {
+      Step(
+          i, [](const float* at) HWY_ATTR { return Row{at}; },
+          [](V value, float* to) HWY_ATTR { hn::StoreU(value, D(), to); });
+    }
+    if (i < run_.count) {
+      const M mask = hn::FirstN(d, static_cast<size_t>(run_.count - i));
+      Step(
+          i,
+          [mask](const float* at) HWY_ATTR {
+            return PartialRow{at, mask};
+          },
+          [mask](V value, float* to) HWY_ATTR { hn::BlendedStore(value, mask, D(), to); });
+    }
+  }
+
+ private:
+  template <typename RowOf, typename Store>
+  HWY_INLINE void Step(int64_t i, const RowOf& row_of, const Store& store) const {
+    const D d;
+    const auto taps = row_of(run_.taps + i);
+    const V value = weights_.At(taps, 0);
+    Classified c = kTable ? ByTable(function_.table, value) : ByRamps(function_, value);
+    if (hn::AllTrue(d, hn::Eq(c.opacity, hn::Zero(d)))) {
+      return;
+    }
+    if constexpr (kTwoFields) {
+      const V other = weights_.At(row_of(run_.color_taps + i), 0);
+      const Classified paint = kTable ? ByTable(color_.table, other) : ByRamps(color_, other);
+      c = {paint.red, paint.green, paint.blue, c.opacity};
+    }
+    if constexpr (kShaded) {
+      Shade(*light_, weights_, taps, run_.slice_stride, &c);
+    }
+    const V transmitted = Transmitted(c.opacity, i, row_of);
+    const V before = row_of(run_.transmittance + i).Load(0);
+    const V weight = hn::NegMulAdd(before, transmitted, before);
+    const auto add = [&](float* plane, V color) HWY_ATTR {
+      store(hn::MulAdd(weight, color, row_of(plane + i).Load(0)), plane + i);
+    };
+    add(run_.red, c.red);
+    add(run_.green, c.green);
+    add(run_.blue, c.blue);
+    store(hn::Mul(before, transmitted), run_.transmittance + i);
+  }
+
+  /// What a slab lets through, (1 - D alpha)^length, from the opacity or its logarithm.
+  template <typename RowOf>
+  HWY_INLINE V Transmitted(V opacity, int64_t i, const RowOf& row_of) const {
+    const D d;
+    V log = opacity;
+    if (run_.opacity_scale != nullptr) {
+      const V alpha = kTable ? hn::Sub(hn::Set(d, 1.0F), ExpNegative(opacity)) : opacity;
+      log = LogTransparency(hn::Mul(alpha, row_of(run_.opacity_scale + i).Load(0)));
+    } else if constexpr (!kTable) {
+      log = LogTransparency(opacity);
+    }
+    V length = hn::Set(d, run_.length);
+    if (run_.length_scale != nullptr) {
+      length = hn::Mul(length, row_of(run_.length_scale + i).Load(0));
+    }
+    return ExpNegative(hn::Mul(log, length));
+  }
+
+  const KernelFunction& function_;
+  const KernelFunction& color_;
+  const KernelLight* light_;
+  const SlabRun& run_;
+  Weights weights_;
+};
+
+template <bool kTable, bool kTwoFields>
+void CompositeFields(const KernelFunction& function, const KernelFunction& color,
+                     const KernelLight* light, const SlabRun& run) {
+  if (light != nullptr) {
+    Compositor<kTable, kTwoFields, true>(function, color, light, run).Run();
+  } else {
+    Compositor<kTable, kTwoFields, false>(function, color, light, run).Run();
+  }
+}
+
+void Composite(const KernelFunction& function, const KernelFunction& color,
+               const KernelLight* light, const SlabRun& run) {
+  const bool two = run.color_taps != nullptr;
+  const bool by_table = function.by_table || (two && color.by_table);
+  if (two) {
+    by_table ? CompositeFields<true, true>(function, color, light, run)
+             : CompositeFields<false, true>(function, color, light, run);
+  } else {
+    by_table ? CompositeFields<true, false>(function, color, light, run)
+             : CompositeFields<false, false>(function, color, light, run);
+  }
+}
+
+void Maximum(const SlabRun& run) {
+  const D d;
+  const Weights weights(run);
+  const auto lanes = static_cast<int64_t>(hn::Lanes(d));
+  int64_t i = 0;
+  for (; i + lanes <= run.count; i += lanes) {
+    const V value = weights.At(Row{run.taps + i}, 0);
+    hn::StoreU(hn::Max(value, hn::LoadU(d, run.red + i)), d, run.red + i);
+  }
+  if (i < run.count) {
+    const M mask = hn::FirstN(d, static_cast<size_t>(run.count - i));
+    const V value = weights.At(PartialRow{run.taps + i, mask}, 0);
+    const V before = hn::MaskedLoad(mask, d, run.red + i);
+    hn::BlendedStore(hn::Max(value, before), mask, d, run.red + i);
+  }
+}
+
+std::string TargetName() {
+  return hwy::TargetName(HWY_TARGET);
+}
+
+}  // namespace fovea::render::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace fovea::render {
+
+KernelFunction::KernelFunction(const TransferFunction& transfer) : table(transfer) {
+  const auto& points = transfer.points;
+  const auto channels = [](const TransferFunction::Point& p) {
+    return std::array<double, 4>{p.color.red, p.color.green, p.color.blue, p.opacity};
+  };
+  const std::array<double, 4> first = channels(points.front());
+  for (int c = 0; c < 4; ++c) {
+    base[c] = static_cast<float>(first[c]);
+  }
+  by_table = points.size() > kMostRamps + 1;
+  const double range = points.back().value - points.front().value;
+  for (size_t i = 0; !by_table && i + 1 < points.size(); ++i) {
+    const std::array<double, 4> from = channels(points[i]);
+    const std::array<double, 4> to = channels(points[i + 1]);
+    if (from == to) {
+      continue;
+    }
+    Ramp ramp;
+    ramp.start = static_cast<float>(points[i].value);
+    // Two points at one value make a step: a ramp as steep as floats around there can tell.
+    const double steepest = 2e-7 * std::max(std::abs(points[i].value), range) + 1e-30;
+    ramp.length = static_cast<float>(
+        std::max(points[i + 1].value - static_cast<double>(ramp.start), steepest));
+    for (int c = 0; c < 4; ++c) {
+      ramp.slope[c] = static_cast<float>((to[c] - from[c]) / static_cast<double>(ramp.length));
+    }
+    ramps.push_back(ramp);
+  }
+}
+
+HWY_EXPORT(Composite);
+HWY_EXPORT(Maximum);
+HWY_EXPORT(TargetName);
+
+void CompositeSlab(const KernelFunction& function, const KernelFunction& color,
+                   const KernelLight* light, const SlabRun& run) {
+  HWY_DYNAMIC_DISPATCH(Composite)(function, color, light, run);
+}
+
+void MaximumSlab(const SlabRun& run) {
+  HWY_DYNAMIC_DISPATCH(Maximum)(run);
+}
+
+std::string KernelTarget() {
+  return HWY_DYNAMIC_DISPATCH(TargetName)();
+}
+
+}  // namespace fovea::render
+#endif  // HWY_ONCE
