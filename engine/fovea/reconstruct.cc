@@ -2,28 +2,34 @@
 
 #include <algorithm>
 
+#include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 #include "engine/wavelet/haar.h"
 
 namespace fovea {
 namespace {
 
-/// LLL_0 grown by the apron, whose values repeat the border.
-StatusOr<Grid> CoarsestGrid(CoefficientSource& source) {
-  const Int3 dims = source.hierarchy().DimsAt(0);
-  Grid inner(Box3::OfSize(dims));
-  FOVEA_RETURN_IF_ERROR(source.ReadCoarse(inner.values));
+/// A whole level grown by the apron, whose values repeat the border.
+Grid WithApron(const Grid& inner, int threads) {
+  const Int3 dims = inner.box.Size();
   Grid grid(inner.box.Grown(kApron));
-  for (int64_t z = grid.box.lo.z; z < grid.box.hi.z; ++z) {
-    for (int64_t y = grid.box.lo.y; y < grid.box.hi.y; ++y) {
-      for (int64_t x = grid.box.lo.x; x < grid.box.hi.x; ++x) {
-        grid.At(x, y, z) =
-            inner.At(std::clamp<int64_t>(x, 0, dims.x - 1), std::clamp<int64_t>(y, 0, dims.y - 1),
-                     std::clamp<int64_t>(z, 0, dims.z - 1));
+  ParallelFor(grid.box.lo.z, grid.box.hi.z, 4, threads, [&](int64_t first, int64_t last) {
+    for (int64_t z = first; z < last; ++z) {
+      for (int64_t y = grid.box.lo.y; y < grid.box.hi.y; ++y) {
+        const float* from =
+            inner.Row(std::clamp<int64_t>(y, 0, dims.y - 1), std::clamp<int64_t>(z, 0, dims.z - 1));
+        float* to = std::fill_n(grid.Row(y, z), kApron, from[0]);
+        std::fill_n(std::copy_n(from, dims.x, to), kApron, from[dims.x - 1]);
       }
     }
-  }
+  });
   return grid;
+}
+
+StatusOr<Grid> CoarsestGrid(CoefficientSource& source) {
+  Grid inner(Box3::OfSize(source.hierarchy().DimsAt(0)));
+  FOVEA_RETURN_IF_ERROR(source.ReadCoarse(inner.values));
+  return WithApron(inner, 1);
 }
 
 Box3 ParentsOf(const Box3& box) {
@@ -71,10 +77,22 @@ StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& 
     result.levels.push_back(std::move(child));
     times.reconstruct_ms += watch.RestartMs();
   }
+  for (const Grid& level : result.levels) {
+    result.blocks.push_back(MakeValueBlocks(level, threads));
+  }
+  times.reconstruct_ms += watch.RestartMs();
   if (stats != nullptr) {
     *stats = times;
   }
   return result;
+}
+
+SuperVoxels WholeVolume(const Grid& voxels, const Vec3& fovea, int threads) {
+  SuperVoxels whole;
+  whole.retained = RetainedSet::Whole(voxels.box.Size(), fovea);
+  whole.levels.push_back(WithApron(voxels, threads));
+  whole.blocks.push_back(MakeValueBlocks(whole.levels.front(), threads));
+  return whole;
 }
 
 StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,

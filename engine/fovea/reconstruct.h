@@ -6,6 +6,7 @@
 #include "engine/base/status.h"
 #include "engine/fovea/coefficient_source.h"
 #include "engine/fovea/retained_set.h"
+#include "engine/fovea/value_blocks.h"
 #include "engine/volume/grid.h"
 
 namespace fovea {
@@ -21,7 +22,13 @@ struct SuperVoxels {
   /// transform with zero detail (Haar: a copy of the parent); outside it repeats the border.
   /// A level whose box is empty has an empty grid.
   std::vector<Grid> levels;
+  /// Bounds of each level's values, so that what is transparent can be skipped.
+  std::vector<ValueBlocks> blocks;
 };
+
+/// A whole volume as one level, that of the voxels: full resolution for the same renderer.
+/// `voxels` must start at (0, 0, 0).
+[[nodiscard]] SuperVoxels WholeVolume(const Grid& voxels, const Vec3& fovea, int threads);
 
 struct ReconstructStats {
   double read_ms = 0;         // time in the source

@@ -64,6 +64,14 @@ StatusOr<RetainedSet> RetainedSet::Make(const Hierarchy& hierarchy, const Fovea&
   return set;
 }
 
+RetainedSet RetainedSet::Whole(const Int3& dims, const Vec3& fovea) {
+  RetainedSet set;
+  set.hierarchy_ = Hierarchy::Flat(dims);
+  set.fovea_ = {fovea, static_cast<double>(dims.Max())};
+  set.boxes_.push_back(Box3::OfSize(dims));
+  return set;
+}
+
 int64_t RetainedSet::CoefficientCount() const {
   int64_t count = boxes_[0].Volume();
   for (const Box3& window : windows_) {

@@ -26,6 +26,9 @@ class RetainedSet {
   /// INVALID_ARGUMENT, naming value and range, for a fovea outside the volume or a bad rate.
   [[nodiscard]] static StatusOr<RetainedSet> Make(const Hierarchy& hierarchy, const Fovea& fovea);
 
+  /// Every voxel of a volume of `dims` voxels (each 1 to kMaxDimension) as a single level.
+  [[nodiscard]] static RetainedSet Whole(const Int3& dims, const Vec3& fovea);
+
   [[nodiscard]] const Hierarchy& hierarchy() const { return hierarchy_; }
   [[nodiscard]] const Fovea& fovea() const { return fovea_; }
   /// W_l, l = 0 .. L-1, in level-l coordinates: lo = round(c - W/2) a side, clipped to the

@@ -17,6 +17,10 @@ Status Validate(const RenderSettings& settings) {
   if (!(a >= 0 && a <= 1e6)) {
     return InvalidArgument("falloff_per_voxel {} is outside its range, 0 to 1e6", a);
   }
+  if (!(settings.spent_transmittance >= 0 && settings.spent_transmittance <= 0.1F)) {
+    return InvalidArgument("spent_transmittance {} is outside its range, 0 to 0.1",
+                           settings.spent_transmittance);
+  }
   for (const auto& [name, size] :
        {std::pair("width_px", settings.width_px), std::pair("height_px", settings.height_px)}) {
     if (size < 1 || size > kMaxPicturePixels) {

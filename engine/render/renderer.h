@@ -33,7 +33,9 @@ struct RenderSettings {
   Weighting weighting;
   Smoothing smoothing = Smoothing::kFull;
   int width_px = 512, height_px = 512;  // 1 to kMaxPicturePixels
-  int threads = 0;                      // 0: all processors; the picture does not depend on it
+  /// Where less of a ray is left than this, what lies behind is skipped: 0 (nothing is) to 0.1.
+  float spent_transmittance = 1.0F / 4096;
+  int threads = 0;  // 0: all processors; the picture does not depend on it
 };
 
 struct RenderStats {

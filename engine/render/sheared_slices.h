@@ -36,6 +36,8 @@ class SliceView {
   [[nodiscard]] const float* Row(int64_t v, int64_t k) const {
     return base_ + v * row_stride_ + k * slice_stride_;
   }
+  [[nodiscard]] int64_t row_stride() const { return row_stride_; }
+  [[nodiscard]] int64_t slice_stride() const { return slice_stride_; }
 
  private:
   std::vector<float> turned_;

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <memory>
 
 #include "engine/base/parallel.h"
+#include "engine/render/level_tracer.h"
 
 namespace fovea::render {
 
@@ -37,166 +39,6 @@ WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world
 
 namespace {
 
-/// A run of pixels [begin, end) of one row of one slice, into one of the accumulators.
-struct Run {
-  const float* row0;  // taps of pixel i: row0[i], row0[i + 1], row1[i], row1[i + 1]
-  const float* row1;
-  float fu, fv;  // weights of the second taps
-  int64_t begin, end;
-  Gathered* into;
-  int64_t at;  // where pixel 0 is there
-};
-
-class LevelTracer {
- public:
-  LevelTracer(const Grid& grid, const SuperVoxels& volume, const ShearView& view,
-              const Matrix4& index_to_world, const RenderSettings& settings,
-              const TransferTable& table, Layer* layer)
-      : slices_(grid, view, settings.threads),
-        fovea_(volume.retained.fovea().at),
-        view_(view),
-        index_to_world_(index_to_world),
-        settings_(settings),
-        table_(table),
-        layer_(*layer) {}
-
-  /// All slices for the rows [v0, v1) of the image; returns the samples classified.
-  uint64_t TraceRows(int64_t v0, int64_t v1) {
-    uint64_t samples = 0;
-    for (const SlicePlan& slice : layer_.plan.slices) {
-      const int64_t first = std::max(v0, slice.owned.v0);
-      const int64_t last = std::min(v1, slice.owned.v1);
-      for (int64_t v = first; v < last; ++v) {
-        samples += TraceRow(slice, v);
-      }
-    }
-    return samples;
-  }
-
- private:
-  uint64_t TraceRow(const SlicePlan& slice, int64_t v) {
-    const int64_t begin = slice.owned.u0;
-    const int64_t end = slice.owned.u1;
-    if (slice.place == SlicePlan::Place::kBehind) {
-      return CompositeRun(slice, v, begin, end, true);
-    }
-    if (slice.place == SlicePlan::Place::kBefore) {
-      return CompositeRun(slice, v, begin, end, false);
-    }
-    if (v >= slice.back.v0 && v < slice.back.v1) {
-      return CompositeRun(slice, v, begin, end, true);
-    }
-    // Columns beyond the leaving edge go to the back, the child's to the child, the rest to front.
-    const int64_t back0 = std::clamp(slice.back.u0, begin, end);
-    const int64_t back1 = std::clamp(slice.back.u1, back0, end);
-    int64_t child0 = begin;
-    int64_t child1 = begin;
-    if (v >= slice.child.v0 && v < slice.child.v1 && slice.child.u1 > slice.child.u0) {
-      child0 = slice.child.u0;
-      child1 = slice.child.u1;
-      std::fill_n(&layer_.split[layer_.Index(child0, v)], child1 - child0, uint8_t{1});
-    }
-    uint64_t samples = CompositeRun(slice, v, back0, back1, true);
-    int64_t at = begin;
-    for (const auto& [lo, hi] : Ordered({back0, back1}, {child0, child1})) {
-      if (lo < hi) {
-        samples += CompositeRun(slice, v, at, lo, false);
-        at = hi;
-      }
-    }
-    return samples + CompositeRun(slice, v, at, end, false);
-  }
-
-  using Range = std::pair<int64_t, int64_t>;
-  static std::array<Range, 2> Ordered(const Range& a, const Range& b) {
-    return a.first <= b.first ? std::array{a, b} : std::array{b, a};
-  }
-
-  uint64_t CompositeRun(const SlicePlan& slice, int64_t v, int64_t begin, int64_t end, bool back) {
-    begin = std::max(begin, slice.in_volume.u0);
-    end = std::min(end, slice.in_volume.u1);
-    if (begin >= end || v < slice.in_volume.v0 || v >= slice.in_volume.v1) {
-      return 0;
-    }
-    // Pixel i samples at i + shift in cell-centre coordinates: four taps of constant weight.
-    const double whole_u = std::floor(slice.shift.u);
-    const double whole_v = std::floor(slice.shift.v);
-    const int64_t tap_v = v + static_cast<int64_t>(whole_v);
-    const size_t row_start = layer_.Index(layer_.plan.rect.u0, v);
-    const int64_t u0 = layer_.plan.rect.u0;
-    Run run;
-    run.row0 = slices_.Row(tap_v, slice.k) + static_cast<int64_t>(whole_u);
-    run.row1 = slices_.Row(tap_v + 1, slice.k) + static_cast<int64_t>(whole_u);
-    run.fu = static_cast<float>(slice.shift.u - whole_u);
-    run.fv = static_cast<float>(slice.shift.v - whole_v);
-    run.begin = begin;
-    run.end = end;
-    run.into = back ? &layer_.back : &layer_.front;
-    run.at = static_cast<int64_t>(row_start) - u0;
-    Composite(run, slice, v);
-    return static_cast<uint64_t>(end - begin);
-  }
-
-  void Composite(const Run& run, const SlicePlan& slice, int64_t v) const {
-    const auto width = static_cast<double>(layer_.plan.width);
-    const auto thickness = static_cast<float>(slice.thickness);
-    const auto length = static_cast<float>(width * slice.thickness * view_.step_length);
-    if (settings_.weighting.kind == Weighting::Kind::kNone) {
-      Each(run, [=](int64_t, float sigma, float* depth) {
-        *depth += thickness;
-        return sigma * length;
-      });
-      return;
-    }
-    const WeightedRow row = MakeWeightedRow(view_, index_to_world_, fovea_, settings_.weighting, v,
-                                            slice.k, width, slice.thickness);
-    if (settings_.weighting.kind == Weighting::Kind::kChop) {
-      Each(run, [=](int64_t i, float sigma, float* depth) {
-        const float kept = row.KeptLength(i);
-        *depth += thickness * kept / length;
-        return sigma * kept;
-      });
-    } else {
-      Each(run, [=](int64_t i, float sigma, float* depth) {
-        *depth += thickness;
-        return sigma > 0 ? FalloffDepth(sigma, row.Falloff(i), row.length) : 0.0F;
-      });
-    }
-  }
-
-  /// `optical_depth(i, sigma, &depth)` weighs the slab and counts its depth.
-  template <typename OpticalDepth>
-  void Each(const Run& run, const OpticalDepth& optical_depth) const {
-    const TransferTable::Entry* entries = table_.entries();
-    const float offset = table_.offset();
-    const float scale = table_.scale();
-    const float w00 = (1 - run.fu) * (1 - run.fv);
-    const float w01 = run.fu * (1 - run.fv);
-    const float w10 = (1 - run.fu) * run.fv;
-    const float w11 = run.fu * run.fv;
-    for (int64_t i = run.begin; i < run.end; ++i) {
-      const float value =
-          (w00 * run.row0[i] + w01 * run.row0[i + 1]) + (w10 * run.row1[i] + w11 * run.row1[i + 1]);
-      const Classified c = Classify(entries, offset, scale, value);
-      const auto at = static_cast<size_t>(run.at + i);
-      const float tau = optical_depth(i, c.sigma, &run.into->depth[at]);
-      if (tau > 0) {
-        Pixel pixel = run.into->At(at);
-        Accumulate(c, tau, &pixel);
-        run.into->Set(at, pixel);
-      }
-    }
-  }
-
-  SliceView slices_;
-  Vec3 fovea_;
-  const ShearView& view_;
-  const Matrix4& index_to_world_;
-  const RenderSettings& settings_;
-  const TransferTable& table_;
-  Layer& layer_;
-};
-
 Layer EmptyLayer(LevelPlan plan) {
   const auto pixels = static_cast<size_t>(plan.rect.Width() * plan.rect.Height());
   Layer layer;
@@ -207,26 +49,172 @@ Layer EmptyLayer(LevelPlan plan) {
   return layer;
 }
 
+/// One frame's rays: fronts from the coarsest level to the finest, then backs from the finest to
+/// the coarsest, so that each knows which pixels are spent: ALGORITHM, skip.
+class FrameTracer {
+ public:
+  FrameTracer(const FrameInputs& frame, std::vector<LevelPlan> plans) : frame_(frame) {
+    layers_.reserve(plans.size());
+    for (LevelPlan& plan : plans) {
+      Layer& layer = layers_.emplace_back(EmptyLayer(std::move(plan)));
+      tracers_.push_back(std::make_unique<LevelTracer>(frame, &layer));
+      reach_.emplace_back(layer.split.size(), 1.0F);
+      left_.emplace_back();
+    }
+  }
+
+  uint64_t TraceAll() {
+    for (size_t l = 0; l < layers_.size(); ++l) {
+      SpentPixels spent = l == 0 ? NoneSpent(0) : SpentInFront(l);
+      Trace(LevelTracer::Side::kFront, l, &spent);
+    }
+    for (size_t l = layers_.size(); l-- > 0;) {
+      SpentPixels spent = SpentBehind(l);
+      Trace(LevelTracer::Side::kBack, l, &spent);
+      MeasureLeft(l);
+    }
+    return samples_;
+  }
+
+  std::vector<Layer> Take() { return std::move(layers_); }
+
+ private:
+  void Trace(LevelTracer::Side side, size_t l, SpentPixels* spent) {
+    constexpr int64_t kRowsInBand = 8;
+    const Rect& rect = layers_[l].plan.rect;
+    // A level whose pixels are never split may end a ray wherever it is spent.
+    const bool ends_rays = l + 1 == layers_.size() && frame_.settings.spent_transmittance > 0;
+    spent->any = spent->any || ends_rays;
+    ParallelFor(
+        rect.v0, rect.v1, kRowsInBand, frame_.settings.threads, [&](int64_t v0, int64_t v1) {
+          samples_ += tracers_[l]->TraceRows(side, v0, v1, spent, ends_rays ? &reach_[l] : nullptr);
+        });
+  }
+
+  SpentPixels NoneSpent(size_t l) const {
+    SpentPixels spent;
+    spent.Clear(layers_[l].plan.rect);
+    return spent;
+  }
+
+  /// Marks the runs of level l whose pixels are all `is_spent(u, v)`.
+  template <typename IsSpent>
+  SpentPixels Mark(size_t l, const IsSpent& is_spent) const {
+    const Rect& rect = layers_[l].plan.rect;
+    SpentPixels spent = NoneSpent(l);
+    for (int64_t v = rect.v0; v < rect.v1; ++v) {
+      for (int64_t r = 0; r < spent.runs_in_row; ++r) {
+        const int64_t begin = rect.u0 + r * SpentPixels::kRun;
+        bool all = true;
+        for (int64_t u = begin; all && u < std::min(begin + SpentPixels::kRun, rect.u1); ++u) {
+          all = is_spent(u, v);
+        }
+        spent.runs[static_cast<size_t>((v - rect.v0) * spent.runs_in_row + r)] = all ? 1 : 0;
+        spent.any = spent.any || all;
+      }
+    }
+    return spent;
+  }
+
+  /// Whether `left` is below the limit in pixel (u, v) of level l and in all pixels around it that
+  /// are split, with which smooth splitting mixes it.
+  bool SpentAround(size_t l, const std::vector<float>& left, int64_t u, int64_t v) const {
+    const Layer& layer = layers_[l];
+    for (int64_t dv = -1; dv <= 1; ++dv) {
+      for (int64_t du = -1; du <= 1; ++du) {
+        if ((layer.IsSplit(u + du, v + dv) || (du == 0 && dv == 0)) &&
+            left[layer.Index(u + du, v + dv)] >= frame_.settings.spent_transmittance) {
+          return false;
+        }
+      }
+    }
+    return true;
+  }
+
+  /// What a level's pixels inherit: how much of the ray is left, and whether that is too little.
+  SpentPixels SpentInFront(size_t l) {
+    const Layer& parent = layers_[l - 1];
+    std::vector<float> behind(parent.split.size());
+    float least = 1;
+    for (size_t i = 0; i < behind.size(); ++i) {
+      behind[i] = reach_[l - 1][i] * parent.front.transmittance[i];
+      least = std::min(least, behind[i]);
+    }
+    const Layer& layer = layers_[l];
+    const Rect& rect = layer.plan.rect;
+    for (int64_t v = rect.v0; v < rect.v1; ++v) {
+      for (int64_t u = rect.u0; u < rect.u1; ++u) {
+        reach_[l][layer.Index(u, v)] = behind[parent.Index(u >> 1, v >> 1)];
+      }
+    }
+    if (least >= frame_.settings.spent_transmittance) {
+      return NoneSpent(l);
+    }
+    return Mark(l, [&](int64_t u, int64_t v) {
+      return !parent.IsSplit(u >> 1, v >> 1) || SpentAround(l - 1, behind, u >> 1, v >> 1);
+    });
+  }
+
+  /// Before the back of level l is traced: what is left of the ray there.
+  SpentPixels SpentBehind(size_t l) {
+    const Layer& layer = layers_[l];
+    std::vector<float>& left = left_[l];
+    left.resize(layer.split.size());
+    float least = 1;
+    const Rect& rect = layer.plan.rect;
+    for (int64_t v = rect.v0; v < rect.v1; ++v) {
+      for (int64_t u = rect.u0; u < rect.u1; ++u) {
+        const size_t i = layer.Index(u, v);
+        left[i] = layer.split[i] != 0 ? MostOfChildren(l, u, v)
+                                      : reach_[l][i] * layer.front.transmittance[i];
+        least = std::min(least, left[i]);
+      }
+    }
+    if (least >= frame_.settings.spent_transmittance) {
+      return NoneSpent(l);
+    }
+    return Mark(l, [&](int64_t u, int64_t v) {
+      const size_t i = layer.Index(u, v);
+      return layer.split[i] != 0 ? SpentAround(l, left, u, v)
+                                 : left[i] < frame_.settings.spent_transmittance;
+    });
+  }
+
+  float MostOfChildren(size_t l, int64_t u, int64_t v) const {
+    const Layer& finer = layers_[l + 1];
+    const size_t i = finer.Index(2 * u, 2 * v);
+    const auto width = static_cast<size_t>(finer.plan.rect.Width());
+    const std::vector<float>& left = left_[l + 1];
+    return std::max(std::max(left[i], left[i + 1]), std::max(left[i + width], left[i + width + 1]));
+  }
+
+  /// After it is traced: what is left of the ray for the coarser level's back.
+  void MeasureLeft(size_t l) {
+    for (size_t i = 0; i < left_[l].size(); ++i) {
+      left_[l][i] *= layers_[l].back.transmittance[i];
+    }
+  }
+
+  const FrameInputs& frame_;
+  std::vector<Layer> layers_;
+  std::vector<std::unique_ptr<LevelTracer>> tracers_;
+  std::vector<std::vector<float>> reach_;  // what a ray lets through before the level
+  std::vector<std::vector<float>> left_;   // what is left of it behind
+  std::atomic<uint64_t> samples_{0};
+};
+
 }  // namespace
 
 std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const ShearView& view,
                                   const Matrix4& index_to_world, const RenderSettings& settings,
                                   uint64_t* samples) {
-  constexpr int64_t kRowsInBand = 8;
-  const TransferTable table(settings.transfer);
-  std::atomic<uint64_t> total{0};
-  std::vector<Layer> layers;
-  for (LevelPlan& plan : PlanLevels(volume.retained, view)) {
-    Layer& layer = layers.emplace_back(EmptyLayer(std::move(plan)));
-    LevelTracer tracer(volume.levels[layer.plan.level], volume, view, index_to_world, settings,
-                       table, &layer);
-    ParallelFor(layer.plan.rect.v0, layer.plan.rect.v1, kRowsInBand, settings.threads,
-                [&](int64_t v0, int64_t v1) { total += tracer.TraceRows(v0, v1); });
-  }
+  const FrameInputs frame(volume, view, index_to_world, settings);
+  FrameTracer tracer(frame, PlanLevels(volume.retained, view));
+  const uint64_t met = tracer.TraceAll();
   if (samples != nullptr) {
-    *samples = total;
+    *samples = met;
   }
-  return layers;
+  return tracer.Take();
 }
 
 }  // namespace fovea::render

@@ -17,6 +17,12 @@ StatusOr<Hierarchy> Hierarchy::Make(const Int3& dims) {
   return hierarchy;
 }
 
+Hierarchy Hierarchy::Flat(const Int3& dims) {
+  Hierarchy hierarchy;
+  hierarchy.dims_ = dims;
+  return hierarchy;
+}
+
 Int3 Hierarchy::DimsAt(int level) const {
   const int64_t w = WidthAt(level);
   return {(dims_.x + w - 1) / w, (dims_.y + w - 1) / w, (dims_.z + w - 1) / w};

@@ -21,6 +21,9 @@ class Hierarchy {
   /// INVALID_ARGUMENT unless every axis is 1 to kMaxDimension.
   [[nodiscard]] static StatusOr<Hierarchy> Make(const Int3& dims);
 
+  /// The voxels as the only level, never halved. Each axis must be 1 to kMaxDimension.
+  [[nodiscard]] static Hierarchy Flat(const Int3& dims);
+
   /// Voxels on each axis.
   [[nodiscard]] const Int3& dims() const { return dims_; }
   /// L: how often the volume is halved; the voxels are level L.

@@ -1,0 +1,269 @@
+#include "engine/render/level_tracer.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace fovea::render {
+
+FrameInputs::FrameInputs(const SuperVoxels& voxels, const ShearView& sheared,
+                         const Matrix4& to_world, const RenderSettings& wanted)
+    : volume(voxels),
+      view(sheared),
+      index_to_world(to_world),
+      settings(wanted),
+      function(wanted.transfer),
+      transparent(wanted.transfer) {}
+
+void SpentPixels::Clear(const Rect& rect) {
+  any = false;
+  runs_in_row = (rect.Width() + kRun - 1) / kRun;
+  runs.assign(static_cast<size_t>(runs_in_row * rect.Height()), 0);
+}
+
+LevelTracer::LevelTracer(const FrameInputs& frame, Layer* layer)
+    : frame_(frame),
+      layer_(*layer),
+      slices_(frame.volume.levels[layer->plan.level], frame.view, frame.settings.threads),
+      live_(frame.volume.blocks[layer->plan.level], frame.volume.levels[layer->plan.level].box,
+            frame.transparent, frame.view) {
+  for (const SlicePlan& plan : layer_.plan.slices) {
+    // Pixel i samples at i + shift in cell-centre coordinates: four taps of constant weight.
+    const double whole_u = std::floor(plan.shift.u);
+    const double whole_v = std::floor(plan.shift.v);
+    Slice slice;
+    slice.plan = &plan;
+    slice.whole_u = static_cast<int64_t>(whole_u);
+    slice.whole_v = static_cast<int64_t>(whole_v);
+    slice.fu = static_cast<float>(plan.shift.u - whole_u);
+    slice.fv = static_cast<float>(plan.shift.v - whole_v);
+    slice.taps = slices_.Row(slice.whole_v, plan.k) + slice.whole_u;
+    prepared_.push_back(slice);
+  }
+}
+
+uint64_t LevelTracer::TraceRows(Side side, int64_t v0, int64_t v1, SpentPixels* spent,
+                                const std::vector<float>* reach) const {
+  constexpr int kSlicesBetweenLooks = 8;
+  if (side == Side::kFront) {
+    MarkSplit(v0, v1);
+  }
+  uint64_t samples = 0;
+  int since_look = 0;
+  for (const Slice& slice : prepared_) {
+    const int64_t first = std::max(v0, slice.plan->owned.v0);
+    const int64_t last = std::min(v1, slice.plan->owned.v1);
+    for (int64_t v = first; v < last; ++v) {
+      samples += TraceRow(slice, side, v, *spent);
+    }
+    if (reach != nullptr && ++since_look == kSlicesBetweenLooks) {
+      since_look = 0;
+      for (int64_t v = v0; v < v1; ++v) {
+        FindSpent(side, v, *reach, spent);
+      }
+    }
+  }
+  if (!CountsDepthByPixel()) {
+    // Runs were marked at their ends.
+    Gathered& into = side == Side::kFront ? layer_.front : layer_.back;
+    const int64_t width = layer_.plan.rect.Width();
+    for (int64_t v = v0; v < v1; ++v) {
+      float* depth = into.depth.data() + layer_.Index(layer_.plan.rect.u0, v);
+      for (int64_t i = 1; i < width; ++i) {
+        depth[i] += depth[i - 1];
+      }
+    }
+  }
+  return samples;
+}
+
+void LevelTracer::MarkSplit(int64_t v0, int64_t v1) const {
+  Rect marked;
+  for (const Slice& slice : prepared_) {
+    const Rect& child = slice.plan->child;
+    if (child == marked || child.IsEmpty()) {
+      continue;
+    }
+    marked = child;
+    for (int64_t v = std::max(v0, child.v0); v < std::min(v1, child.v1); ++v) {
+      std::fill_n(&layer_.split[layer_.Index(child.u0, v)], child.Width(), uint8_t{1});
+    }
+  }
+}
+
+uint64_t LevelTracer::TraceRow(const Slice& slice, Side side, int64_t v,
+                               const SpentPixels& spent) const {
+  const SlicePlan& plan = *slice.plan;
+  const Range all{plan.owned.u0, plan.owned.u1};
+  if (plan.place != SlicePlan::Place::kWithin) {
+    const bool behind = plan.place == SlicePlan::Place::kBehind;
+    return behind == (side == Side::kBack) ? TraceRange(slice, side, v, all, spent) : 0;
+  }
+  if (v >= plan.back.v0 && v < plan.back.v1) {
+    return side == Side::kBack ? TraceRange(slice, side, v, all, spent) : 0;
+  }
+  // Columns beyond the leaving edge go to the back, the child's to the child, the rest to front.
+  const int64_t back0 = std::clamp(plan.back.u0, all.begin, all.end);
+  const Range back{back0, std::clamp(plan.back.u1, back0, all.end)};
+  if (side == Side::kBack) {
+    return TraceRange(slice, side, v, back, spent);
+  }
+  Range child{all.begin, all.begin};
+  if (v >= plan.child.v0 && v < plan.child.v1 && plan.child.u1 > plan.child.u0) {
+    child = {plan.child.u0, plan.child.u1};
+  }
+  uint64_t samples = 0;
+  int64_t at = all.begin;
+  const bool back_first = back.begin <= child.begin;
+  for (const Range& hole : {back_first ? back : child, back_first ? child : back}) {
+    if (hole.begin < hole.end) {
+      samples += TraceRange(slice, side, v, {at, hole.begin}, spent);
+      at = hole.end;
+    }
+  }
+  return samples + TraceRange(slice, side, v, {at, all.end}, spent);
+}
+
+uint64_t LevelTracer::TraceRange(const Slice& slice, Side side, int64_t v, Range range,
+                                 const SpentPixels& spent) const {
+  const Rect& inside = slice.plan->in_volume;
+  range.begin = std::max(range.begin, inside.u0);
+  range.end = std::min(range.end, inside.u1);
+  if (range.begin >= range.end || v < inside.v0 || v >= inside.v1) {
+    return 0;
+  }
+  CountDepth(slice, side == Side::kFront ? &layer_.front : &layer_.back, v, range);
+  ForEachLive(slice, v, range, spent, [&](Range run) { Composite(slice, side, v, run); });
+  return static_cast<uint64_t>(range.end - range.begin);
+}
+
+/// Calls `body` for the parts of a range where something may be seen.
+template <typename Body>
+void LevelTracer::ForEachLive(const Slice& slice, int64_t v, Range range, const SpentPixels& spent,
+                              const Body& body) const {
+  const uint8_t* live = live_.Row(v + slice.whole_v, slice.plan->k);
+  const auto unspent = [&](Range run) {
+    if (!spent.any) {
+      body(run);
+      return;
+    }
+    const int64_t u0 = layer_.plan.rect.u0;
+    const uint8_t* row = spent.runs.data() + (v - layer_.plan.rect.v0) * spent.runs_in_row;
+    const auto end_of = [&](int64_t i) {
+      return std::min(run.end, u0 + ((i - u0) / SpentPixels::kRun + 1) * SpentPixels::kRun);
+    };
+    for (int64_t i = run.begin; i < run.end;) {
+      const int64_t begin = i;
+      while (i < run.end && row[(i - u0) / SpentPixels::kRun] == 0) {
+        i = end_of(i);
+      }
+      if (begin < i) {
+        body(Range{begin, i});
+      } else {
+        i = end_of(i);
+      }
+    }
+  };
+  int64_t block = live_.BlockOf(range.begin + slice.whole_u);
+  for (int64_t i = range.begin; i < range.end;) {
+    const int64_t begin = i;
+    const bool shows = live[block] != 0;
+    while (i < range.end && (live[block] != 0) == shows) {
+      i = live_.FirstOf(++block) - slice.whole_u;
+    }
+    i = std::min(i, range.end);
+    if (shows) {
+      unspent({begin, i});
+    }
+  }
+}
+
+void LevelTracer::Composite(const Slice& slice, Side side, int64_t v, Range range) const {
+  const SlicePlan& plan = *slice.plan;
+  const auto width = static_cast<double>(layer_.plan.width);
+  Gathered& into = side == Side::kFront ? layer_.front : layer_.back;
+  SlabRun run;
+  run.row_stride = slices_.row_stride();
+  run.slice_stride = slices_.slice_stride();
+  run.fu = slice.fu;
+  run.fv = slice.fv;
+  run.length = static_cast<float>(width * plan.thickness * frame_.view.step_length);
+  const auto composite = [&](int64_t begin, int64_t count) {
+    const size_t at = layer_.Index(begin, v);
+    run.taps = slice.taps + v * run.row_stride + begin;
+    run.count = count;
+    run.red = &into.red[at];
+    run.green = &into.green[at];
+    run.blue = &into.blue[at];
+    run.transmittance = &into.transmittance[at];
+    CompositeSlab(frame_.function, frame_.function, nullptr, run);
+  };
+  if (frame_.settings.weighting.kind == Weighting::Kind::kNone) {
+    composite(range.begin, range.end - range.begin);
+    return;
+  }
+  const WeightedRow row =
+      MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at,
+                      frame_.settings.weighting, v, plan.k, width, plan.thickness);
+  constexpr int64_t kAtOnce = 128;
+  std::array<float, kAtOnce> scale;
+  const bool chop = frame_.settings.weighting.kind == Weighting::Kind::kChop;
+  (chop ? run.length_scale : run.opacity_scale) = scale.data();
+  for (int64_t begin = range.begin; begin < range.end; begin += kAtOnce) {
+    const int64_t count = std::min(kAtOnce, range.end - begin);
+    for (int64_t i = 0; i < count; ++i) {
+      scale[static_cast<size_t>(i)] = chop ? row.KeptLength(begin + i) / run.length
+                                           : static_cast<float>(row.Falloff(begin + i));
+    }
+    composite(begin, count);
+  }
+}
+
+bool LevelTracer::CountsDepthByPixel() const {
+  return frame_.settings.weighting.kind == Weighting::Kind::kChop;
+}
+
+/// Skipped samples count too. Without chop all pixels of a run count alike, so only the ends of the
+/// run are marked, and summed up once all slices are done.
+void LevelTracer::CountDepth(const Slice& slice, Gathered* into, int64_t v, Range range) const {
+  const SlicePlan& plan = *slice.plan;
+  const auto thickness = static_cast<float>(plan.thickness);
+  float* depth = into->depth.data() + layer_.Index(layer_.plan.rect.u0, v);
+  const int64_t u0 = layer_.plan.rect.u0;
+  if (!CountsDepthByPixel()) {
+    depth[range.begin - u0] += thickness;
+    if (range.end < layer_.plan.rect.u1) {
+      depth[range.end - u0] -= thickness;
+    }
+    return;
+  }
+  const auto width = static_cast<double>(layer_.plan.width);
+  const WeightedRow row =
+      MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at,
+                      frame_.settings.weighting, v, plan.k, width, plan.thickness);
+  const auto length = static_cast<float>(row.length);
+  for (int64_t i = range.begin; i < range.end; ++i) {
+    depth[i - u0] += thickness * row.KeptLength(i) / length;
+  }
+}
+
+void LevelTracer::FindSpent(Side side, int64_t v, const std::vector<float>& reach,
+                            SpentPixels* spent) const {
+  const int64_t width = layer_.plan.rect.Width();
+  const size_t row = layer_.Index(layer_.plan.rect.u0, v);
+  uint8_t* runs = spent->runs.data() + (v - layer_.plan.rect.v0) * spent->runs_in_row;
+  for (int64_t r = 0; r < spent->runs_in_row; ++r) {
+    float most = 0;
+    const int64_t end = std::min(width, (r + 1) * SpentPixels::kRun);
+    for (int64_t i = r * SpentPixels::kRun; i < end; ++i) {
+      const size_t at = row + static_cast<size_t>(i);
+      const float behind = side == Side::kBack ? layer_.back.transmittance[at] : 1.0F;
+      most = std::max(most, reach[at] * layer_.front.transmittance[at] * behind);
+    }
+    if (most < frame_.settings.spent_transmittance) {
+      runs[r] = 1;
+    }
+  }
+}
+
+}  // namespace fovea::render

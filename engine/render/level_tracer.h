@@ -1,0 +1,83 @@
+#ifndef ENGINE_RENDER_LEVEL_TRACER_H_
+#define ENGINE_RENDER_LEVEL_TRACER_H_
+
+#include <vector>
+
+#include "engine/render/live_blocks.h"
+#include "engine/render/slab_kernel.h"
+#include "engine/render/thick_ray.h"
+
+namespace fovea::render {
+
+/// What is the same for all levels of a frame.
+struct FrameInputs {
+  FrameInputs(const SuperVoxels& voxels, const ShearView& sheared, const Matrix4& to_world,
+              const RenderSettings& wanted);
+
+  const SuperVoxels& volume;
+  const ShearView& view;
+  const Matrix4& index_to_world;
+  const RenderSettings& settings;
+  KernelFunction function;
+  TransparentValues transparent;
+};
+
+/// Which pixels of a level have nothing to gain any more, in runs of kRun pixels from plan.rect.u0.
+struct SpentPixels {
+  static constexpr int64_t kRun = 8;
+  bool any = false;
+  int64_t runs_in_row = 0;
+  std::vector<uint8_t> runs;  // row by row; 1: all of the run's pixels are spent
+
+  void Clear(const Rect& rect);
+};
+
+/// Traces the rays of one level through the slices it owns.
+class LevelTracer {
+ public:
+  enum class Side { kFront, kBack };
+
+  LevelTracer(const FrameInputs& frame, Layer* layer);
+
+  /// All slices of one side for the rows [v0, v1) of the image, which no other thread touches.
+  /// Skips what is transparent and the pixels of `spent`. With `reach` (what the ray lets through
+  /// before this level, a value a pixel) rows also find out by themselves when they are spent: only
+  /// for a level without children. Returns the samples met, skipped ones too.
+  uint64_t TraceRows(Side side, int64_t v0, int64_t v1, SpentPixels* spent,
+                     const std::vector<float>* reach) const;
+
+ private:
+  /// A slice with all that its rows share.
+  struct Slice {
+    const SlicePlan* plan;
+    const float* taps;  // of pixel (0, 0), which may lie outside
+    int64_t whole_u, whole_v;
+    float fu, fv;
+  };
+  /// A run of pixels [begin, end) of row v.
+  struct Range {
+    int64_t begin, end;
+  };
+
+  void MarkSplit(int64_t v0, int64_t v1) const;
+  uint64_t TraceRow(const Slice& slice, Side side, int64_t v, const SpentPixels& spent) const;
+  uint64_t TraceRange(const Slice& slice, Side side, int64_t v, Range range,
+                      const SpentPixels& spent) const;
+  template <typename Body>
+  void ForEachLive(const Slice& slice, int64_t v, Range range, const SpentPixels& spent,
+                   const Body& body) const;
+  void Composite(const Slice& slice, Side side, int64_t v, Range range) const;
+  void CountDepth(const Slice& slice, Gathered* into, int64_t v, Range range) const;
+  void FindSpent(Side side, int64_t v, const std::vector<float>& reach, SpentPixels* spent) const;
+  [[nodiscard]] bool CountsDepthByPixel() const;
+
+  const FrameInputs& frame_;
+  Layer& layer_;
+  SliceView slices_;
+  LiveBlocks live_;
+  std::vector<Slice> prepared_;
+};
+
+}  // namespace fovea::render
+
+#endif  // ENGINE_RENDER_LEVEL_TRACER_H_

@@ -1,0 +1,61 @@
+#include "engine/render/live_blocks.h"
+
+#include <limits>
+
+namespace fovea::render {
+
+TransparentValues::TransparentValues(const TransferFunction& transfer) {
+  const auto& points = transfer.points;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  double from = -kInfinity;
+  bool open = points.front().opacity <= 0;  // an interval that starts at `from` is being followed
+  for (size_t i = 0; i + 1 < points.size(); ++i) {
+    const bool here = points[i].opacity <= 0;
+    const bool next = points[i + 1].opacity <= 0;
+    if (here && !open) {
+      from = points[i].value;
+      open = true;
+    }
+    if (here && !next) {
+      intervals_.push_back({from, points[i].value});
+      open = false;
+    }
+  }
+  if (points.back().opacity <= 0) {
+    intervals_.push_back({open ? from : points.back().value, kInfinity});
+  }
+}
+
+bool TransparentValues::Cover(float low, float high) const {
+  for (const Interval& interval : intervals_) {
+    if (low >= interval.low && high <= interval.high) {
+      return true;
+    }
+  }
+  return false;
+}
+
+LiveBlocks::LiveBlocks(const ValueBlocks& blocks, const Box3& box,
+                       const TransparentValues& transparent, const ShearView& view)
+    : low_u_(box.lo[view.axis_u]),
+      low_v_(box.lo[view.axis_v]),
+      low_k_(box.lo[view.axis_k]),
+      count_u_(blocks.count[view.axis_u]),
+      count_v_(blocks.count[view.axis_v]) {
+  live_.resize(blocks.low.size());
+  Int3 at;
+  size_t i = 0;
+  for (int64_t k = 0; k < blocks.count[view.axis_k]; ++k) {
+    at[view.axis_k] = k;
+    for (int64_t v = 0; v < count_v_; ++v) {
+      at[view.axis_v] = v;
+      for (int64_t u = 0; u < count_u_; ++u, ++i) {
+        at[view.axis_u] = u;
+        const size_t block = blocks.Index(at.x, at.y, at.z);
+        live_[i] = transparent.Cover(blocks.low[block], blocks.high[block]) ? 0 : 1;
+      }
+    }
+  }
+}
+
+}  // namespace fovea::render
