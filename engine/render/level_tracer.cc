@@ -37,7 +37,6 @@ LevelTracer::LevelTracer(const FrameInputs& frame, Layer* layer)
     slice.whole_v = static_cast<int64_t>(whole_v);
     slice.fu = static_cast<float>(plan.shift.u - whole_u);
     slice.fv = static_cast<float>(plan.shift.v - whole_v);
-    slice.taps = slices_.Row(slice.whole_v, plan.k) + slice.whole_u;
     prepared_.push_back(slice);
   }
 }
@@ -50,11 +49,16 @@ uint64_t LevelTracer::TraceRows(Side side, int64_t v0, int64_t v1, SpentPixels* 
   }
   uint64_t samples = 0;
   int since_look = 0;
+  std::vector<SlabRun> runs;
   for (const Slice& slice : prepared_) {
     const int64_t first = std::max(v0, slice.plan->owned.v0);
     const int64_t last = std::min(v1, slice.plan->owned.v1);
+    runs.clear();
     for (int64_t v = first; v < last; ++v) {
-      samples += TraceRow(slice, side, v, *spent);
+      samples += AddRow(slice, side, v, *spent, &runs);
+    }
+    if (!runs.empty()) {
+      Composite(slice, side, runs);
     }
     if (reach != nullptr && ++since_look == kSlicesBetweenLooks) {
       since_look = 0;
@@ -91,22 +95,22 @@ void LevelTracer::MarkSplit(int64_t v0, int64_t v1) const {
   }
 }
 
-uint64_t LevelTracer::TraceRow(const Slice& slice, Side side, int64_t v,
-                               const SpentPixels& spent) const {
+uint64_t LevelTracer::AddRow(const Slice& slice, Side side, int64_t v, const SpentPixels& spent,
+                             std::vector<SlabRun>* runs) const {
   const SlicePlan& plan = *slice.plan;
   const Range all{plan.owned.u0, plan.owned.u1};
   if (plan.place != SlicePlan::Place::kWithin) {
     const bool behind = plan.place == SlicePlan::Place::kBehind;
-    return behind == (side == Side::kBack) ? TraceRange(slice, side, v, all, spent) : 0;
+    return behind == (side == Side::kBack) ? AddRange(slice, side, v, all, spent, runs) : 0;
   }
   if (v >= plan.back.v0 && v < plan.back.v1) {
-    return side == Side::kBack ? TraceRange(slice, side, v, all, spent) : 0;
+    return side == Side::kBack ? AddRange(slice, side, v, all, spent, runs) : 0;
   }
   // Columns beyond the leaving edge go to the back, the child's to the child, the rest to front.
   const int64_t back0 = std::clamp(plan.back.u0, all.begin, all.end);
   const Range back{back0, std::clamp(plan.back.u1, back0, all.end)};
   if (side == Side::kBack) {
-    return TraceRange(slice, side, v, back, spent);
+    return AddRange(slice, side, v, back, spent, runs);
   }
   Range child{all.begin, all.begin};
   if (v >= plan.child.v0 && v < plan.child.v1 && plan.child.u1 > plan.child.u0) {
@@ -117,15 +121,15 @@ uint64_t LevelTracer::TraceRow(const Slice& slice, Side side, int64_t v,
   const bool back_first = back.begin <= child.begin;
   for (const Range& hole : {back_first ? back : child, back_first ? child : back}) {
     if (hole.begin < hole.end) {
-      samples += TraceRange(slice, side, v, {at, hole.begin}, spent);
+      samples += AddRange(slice, side, v, {at, hole.begin}, spent, runs);
       at = hole.end;
     }
   }
-  return samples + TraceRange(slice, side, v, {at, all.end}, spent);
+  return samples + AddRange(slice, side, v, {at, all.end}, spent, runs);
 }
 
-uint64_t LevelTracer::TraceRange(const Slice& slice, Side side, int64_t v, Range range,
-                                 const SpentPixels& spent) const {
+uint64_t LevelTracer::AddRange(const Slice& slice, Side side, int64_t v, Range range,
+                               const SpentPixels& spent, std::vector<SlabRun>* runs) const {
   const Rect& inside = slice.plan->in_volume;
   range.begin = std::max(range.begin, inside.u0);
   range.end = std::min(range.end, inside.u1);
@@ -133,7 +137,11 @@ uint64_t LevelTracer::TraceRange(const Slice& slice, Side side, int64_t v, Range
     return 0;
   }
   CountDepth(slice, side == Side::kFront ? &layer_.front : &layer_.back, v, range);
-  ForEachLive(slice, v, range, spent, [&](Range run) { Composite(slice, side, v, run); });
+  const int64_t tap = (v + slice.whole_v) * slices_.row_stride() + slice.whole_u;
+  const auto pixel = static_cast<int64_t>(layer_.Index(0, v));
+  ForEachLive(slice, v, range, spent, [&](Range run) {
+    runs->push_back({tap + run.begin, pixel + run.begin, run.end - run.begin});
+  });
   return static_cast<uint64_t>(range.end - range.begin);
 }
 
@@ -178,44 +186,49 @@ void LevelTracer::ForEachLive(const Slice& slice, int64_t v, Range range, const 
   }
 }
 
-void LevelTracer::Composite(const Slice& slice, Side side, int64_t v, Range range) const {
-  const SlicePlan& plan = *slice.plan;
-  const auto width = static_cast<double>(layer_.plan.width);
+void LevelTracer::Composite(const Slice& slice, Side side, const std::vector<SlabRun>& runs) const {
   Gathered& into = side == Side::kFront ? layer_.front : layer_.back;
-  SlabRun run;
-  run.row_stride = slices_.row_stride();
-  run.slice_stride = slices_.slice_stride();
-  run.fu = slice.fu;
-  run.fv = slice.fv;
-  run.length = static_cast<float>(width * plan.thickness * frame_.view.step_length);
-  const auto composite = [&](int64_t begin, int64_t count) {
-    const size_t at = layer_.Index(begin, v);
-    run.taps = slice.taps + v * run.row_stride + begin;
-    run.count = count;
-    run.red = &into.red[at];
-    run.green = &into.green[at];
-    run.blue = &into.blue[at];
-    run.transmittance = &into.transmittance[at];
-    CompositeSlab(frame_.function, frame_.function, nullptr, run);
-  };
+  Slab slab;
+  slab.taps = slices_.Row(0, slice.plan->k);
+  slab.row_stride = slices_.row_stride();
+  slab.slice_stride = slices_.slice_stride();
+  slab.fu = slice.fu;
+  slab.fv = slice.fv;
+  slab.length = static_cast<float>(static_cast<double>(layer_.plan.width) * slice.plan->thickness *
+                                   frame_.view.step_length);
+  slab.red = into.red.data();
+  slab.green = into.green.data();
+  slab.blue = into.blue.data();
+  slab.transmittance = into.transmittance.data();
   if (frame_.settings.weighting.kind == Weighting::Kind::kNone) {
-    composite(range.begin, range.end - range.begin);
+    CompositeSlab(frame_.function, frame_.function, nullptr, slab, runs);
     return;
   }
-  const WeightedRow row =
-      MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at,
-                      frame_.settings.weighting, v, plan.k, width, plan.thickness);
+  for (const SlabRun& run : runs) {
+    CompositeWeighted(slice, run, slab);
+  }
+}
+
+void LevelTracer::CompositeWeighted(const Slice& slice, const SlabRun& run, Slab slab) const {
   constexpr int64_t kAtOnce = 128;
   std::array<float, kAtOnce> scale;
+  const int64_t row_width = layer_.plan.rect.Width();
+  const int64_t v = layer_.plan.rect.v0 + run.pixel / row_width;
+  const int64_t u = layer_.plan.rect.u0 + run.pixel % row_width;
+  const WeightedRow row =
+      MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at,
+                      frame_.settings.weighting, v, slice.plan->k,
+                      static_cast<double>(layer_.plan.width), slice.plan->thickness);
   const bool chop = frame_.settings.weighting.kind == Weighting::Kind::kChop;
-  (chop ? run.length_scale : run.opacity_scale) = scale.data();
-  for (int64_t begin = range.begin; begin < range.end; begin += kAtOnce) {
-    const int64_t count = std::min(kAtOnce, range.end - begin);
-    for (int64_t i = 0; i < count; ++i) {
-      scale[static_cast<size_t>(i)] = chop ? row.KeptLength(begin + i) / run.length
-                                           : static_cast<float>(row.Falloff(begin + i));
+  for (int64_t done = 0; done < run.count; done += kAtOnce) {
+    const SlabRun part{run.tap + done, run.pixel + done, std::min(kAtOnce, run.count - done)};
+    for (int64_t i = 0; i < part.count; ++i) {
+      const int64_t at = u + done + i;
+      scale[static_cast<size_t>(i)] =
+          chop ? row.KeptLength(at) / slab.length : static_cast<float>(row.Falloff(at));
     }
-    composite(begin, count);
+    (chop ? slab.length_scale : slab.opacity_scale) = scale.data() - part.pixel;
+    CompositeSlab(frame_.function, frame_.function, nullptr, slab, {&part, 1});
   }
 }
 

@@ -50,7 +50,6 @@ class LevelTracer {
   /// A slice with all that its rows share.
   struct Slice {
     const SlicePlan* plan;
-    const float* taps;  // of pixel (0, 0), which may lie outside
     int64_t whole_u, whole_v;
     float fu, fv;
   };
@@ -60,13 +59,16 @@ class LevelTracer {
   };
 
   void MarkSplit(int64_t v0, int64_t v1) const;
-  uint64_t TraceRow(const Slice& slice, Side side, int64_t v, const SpentPixels& spent) const;
-  uint64_t TraceRange(const Slice& slice, Side side, int64_t v, Range range,
-                      const SpentPixels& spent) const;
+  /// Collects the runs of a row of pixels where something may be seen; returns the samples met.
+  uint64_t AddRow(const Slice& slice, Side side, int64_t v, const SpentPixels& spent,
+                  std::vector<SlabRun>* runs) const;
+  uint64_t AddRange(const Slice& slice, Side side, int64_t v, Range range, const SpentPixels& spent,
+                    std::vector<SlabRun>* runs) const;
   template <typename Body>
   void ForEachLive(const Slice& slice, int64_t v, Range range, const SpentPixels& spent,
                    const Body& body) const;
-  void Composite(const Slice& slice, Side side, int64_t v, Range range) const;
+  void Composite(const Slice& slice, Side side, const std::vector<SlabRun>& runs) const;
+  void CompositeWeighted(const Slice& slice, const SlabRun& run, Slab slab) const;
   void CountDepth(const Slice& slice, Gathered* into, int64_t v, Range range) const;
   void FindSpent(Side side, int64_t v, const std::vector<float>& reach, SpentPixels* spent) const;
   [[nodiscard]] bool CountsDepthByPixel() const;

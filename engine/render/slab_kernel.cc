@@ -74,12 +74,12 @@ struct PartialRow {
 };
 
 struct Weights {
-  explicit Weights(const SlabRun& run)
-      : w00(hn::Set(D(), (1 - run.fu) * (1 - run.fv))),
-        w01(hn::Set(D(), run.fu * (1 - run.fv))),
-        w10(hn::Set(D(), (1 - run.fu) * run.fv)),
-        w11(hn::Set(D(), run.fu * run.fv)),
-        row(run.row_stride) {}
+  explicit Weights(const Slab& slab)
+      : w00(hn::Set(D(), (1 - slab.fu) * (1 - slab.fv))),
+        w01(hn::Set(D(), slab.fu * (1 - slab.fv))),
+        w10(hn::Set(D(), (1 - slab.fu) * slab.fv)),
+        w11(hn::Set(D(), slab.fu * slab.fv)),
+        row(slab.row_stride) {}
   V w00, w01, w10, w11;
   int64_t row;
 
@@ -185,22 +185,22 @@ template <bool kTable, bool kTwoFields, bool kShaded>
 class Compositor {
  public:
   Compositor(const KernelFunction& function, const KernelFunction& color, const KernelLight* light,
-             const SlabRun& run)
-      : function_(function), color_(color), light_(light), run_(run), weights_(run) {}
+             const Slab& slab)
+      : function_(function), color_(color), light_(light), slab_(slab), weights_(slab) {}
 
-  HWY_INLINE void Run() const {
+  HWY_INLINE void Run(const SlabRun& run) const {
     const D d;
     const auto lanes = static_cast<int64_t>(hn::Lanes(d));
     int64_t i = 0;
-    for (; i + lanes <= run_.count; i += lanes) {
+    for (; i + lanes <= run.count; i += lanes) {
       Step(
-          i, [](const float* at) HWY_ATTR { return Row{at}; },
+          run.tap + i, run.pixel + i, [](const float* at) HWY_ATTR { return Row{at}; },
           [](V value, float* to) HWY_ATTR { hn::StoreU(value, D(), to); });
     }
-    if (i < run_.count) {
-      const M mask = hn::FirstN(d, static_cast<size_t>(run_.count - i));
+    if (i < run.count) {
+      const M mask = hn::FirstN(d, static_cast<size_t>(run.count - i));
       Step(
-          i,
+          run.tap + i, run.pixel + i,
           [mask](const float* at) HWY_ATTR {
             return PartialRow{at, mask};
           },
@@ -210,48 +210,48 @@ class Compositor {
 
  private:
   template <typename RowOf, typename Store>
-  HWY_INLINE void Step(int64_t i, const RowOf& row_of, const Store& store) const {
+  HWY_INLINE void Step(int64_t tap, int64_t pixel, const RowOf& row_of, const Store& store) const {
     const D d;
-    const auto taps = row_of(run_.taps + i);
+    const auto taps = row_of(slab_.taps + tap);
     const V value = weights_.At(taps, 0);
-    Classified c = kTable ? ByTable(function_.table, value) : ByRamps(function_, value);
+    Classified c = kTable ? ByTable(*function_.table, value) : ByRamps(function_, value);
     if (hn::AllTrue(d, hn::Eq(c.opacity, hn::Zero(d)))) {
       return;
     }
     if constexpr (kTwoFields) {
-      const V other = weights_.At(row_of(run_.color_taps + i), 0);
-      const Classified paint = kTable ? ByTable(color_.table, other) : ByRamps(color_, other);
+      const V other = weights_.At(row_of(slab_.color_taps + tap), 0);
+      const Classified paint = kTable ? ByTable(*color_.table, other) : ByRamps(color_, other);
       c = {paint.red, paint.green, paint.blue, c.opacity};
     }
     if constexpr (kShaded) {
-      Shade(*light_, weights_, taps, run_.slice_stride, &c);
+      Shade(*light_, weights_, taps, slab_.slice_stride, &c);
     }
-    const V transmitted = Transmitted(c.opacity, i, row_of);
-    const V before = row_of(run_.transmittance + i).Load(0);
+    const V transmitted = Transmitted(c.opacity, pixel, row_of);
+    const V before = row_of(slab_.transmittance + pixel).Load(0);
     const V weight = hn::NegMulAdd(before, transmitted, before);
     const auto add = [&](float* plane, V color) HWY_ATTR {
-      store(hn::MulAdd(weight, color, row_of(plane + i).Load(0)), plane + i);
+      store(hn::MulAdd(weight, color, row_of(plane + pixel).Load(0)), plane + pixel);
     };
-    add(run_.red, c.red);
-    add(run_.green, c.green);
-    add(run_.blue, c.blue);
-    store(hn::Mul(before, transmitted), run_.transmittance + i);
+    add(slab_.red, c.red);
+    add(slab_.green, c.green);
+    add(slab_.blue, c.blue);
+    store(hn::Mul(before, transmitted), slab_.transmittance + pixel);
   }
 
   /// What a slab lets through, (1 - D alpha)^length, from the opacity or its logarithm.
   template <typename RowOf>
-  HWY_INLINE V Transmitted(V opacity, int64_t i, const RowOf& row_of) const {
+  HWY_INLINE V Transmitted(V opacity, int64_t pixel, const RowOf& row_of) const {
     const D d;
     V log = opacity;
-    if (run_.opacity_scale != nullptr) {
+    if (slab_.opacity_scale != nullptr) {
       const V alpha = kTable ? hn::Sub(hn::Set(d, 1.0F), ExpNegative(opacity)) : opacity;
-      log = LogTransparency(hn::Mul(alpha, row_of(run_.opacity_scale + i).Load(0)));
+      log = LogTransparency(hn::Mul(alpha, row_of(slab_.opacity_scale + pixel).Load(0)));
     } else if constexpr (!kTable) {
       log = LogTransparency(opacity);
     }
-    V length = hn::Set(d, run_.length);
-    if (run_.length_scale != nullptr) {
-      length = hn::Mul(length, row_of(run_.length_scale + i).Load(0));
+    V length = hn::Set(d, slab_.length);
+    if (slab_.length_scale != nullptr) {
+      length = hn::Mul(length, row_of(slab_.length_scale + pixel).Load(0));
     }
     return ExpNegative(hn::Mul(log, length));
   }
@@ -259,47 +259,60 @@ class Compositor {
   const KernelFunction& function_;
   const KernelFunction& color_;
   const KernelLight* light_;
-  const SlabRun& run_;
+  const Slab slab_;  // a copy: nothing that is stored can change it
   Weights weights_;
 };
 
+template <bool kTable, bool kTwoFields, bool kShaded>
+HWY_INLINE void CompositeAll(const KernelFunction& function, const KernelFunction& color,
+                             const KernelLight* light, const Slab& slab,
+                             std::span<const SlabRun> runs) {
+  const Compositor<kTable, kTwoFields, kShaded> compositor(function, color, light, slab);
+  for (const SlabRun& run : runs) {
+    compositor.Run(run);
+  }
+}
+
 template <bool kTable, bool kTwoFields>
 void CompositeFields(const KernelFunction& function, const KernelFunction& color,
-                     const KernelLight* light, const SlabRun& run) {
+                     const KernelLight* light, const Slab& slab, std::span<const SlabRun> runs) {
   if (light != nullptr) {
-    Compositor<kTable, kTwoFields, true>(function, color, light, run).Run();
+    CompositeAll<kTable, kTwoFields, true>(function, color, light, slab, runs);
   } else {
-    Compositor<kTable, kTwoFields, false>(function, color, light, run).Run();
+    CompositeAll<kTable, kTwoFields, false>(function, color, light, slab, runs);
   }
 }
 
 void Composite(const KernelFunction& function, const KernelFunction& color,
-               const KernelLight* light, const SlabRun& run) {
-  const bool two = run.color_taps != nullptr;
-  const bool by_table = function.by_table || (two && color.by_table);
-  if (two) {
-    by_table ? CompositeFields<true, true>(function, color, light, run)
-             : CompositeFields<false, true>(function, color, light, run);
+               const KernelLight* light, const Slab& slab, std::span<const SlabRun> runs) {
+  const bool by_table = function.table.has_value();
+  if (slab.color_taps != nullptr) {
+    by_table ? CompositeFields<true, true>(function, color, light, slab, runs)
+             : CompositeFields<false, true>(function, color, light, slab, runs);
   } else {
-    by_table ? CompositeFields<true, false>(function, color, light, run)
-             : CompositeFields<false, false>(function, color, light, run);
+    by_table ? CompositeFields<true, false>(function, color, light, slab, runs)
+             : CompositeFields<false, false>(function, color, light, slab, runs);
   }
 }
 
-void Maximum(const SlabRun& run) {
+void Maximum(const Slab& slab, std::span<const SlabRun> runs) {
   const D d;
-  const Weights weights(run);
+  const Weights weights(slab);
   const auto lanes = static_cast<int64_t>(hn::Lanes(d));
-  int64_t i = 0;
-  for (; i + lanes <= run.count; i += lanes) {
-    const V value = weights.At(Row{run.taps + i}, 0);
-    hn::StoreU(hn::Max(value, hn::LoadU(d, run.red + i)), d, run.red + i);
-  }
-  if (i < run.count) {
-    const M mask = hn::FirstN(d, static_cast<size_t>(run.count - i));
-    const V value = weights.At(PartialRow{run.taps + i, mask}, 0);
-    const V before = hn::MaskedLoad(mask, d, run.red + i);
-    hn::BlendedStore(hn::Max(value, before), mask, d, run.red + i);
+  for (const SlabRun& run : runs) {
+    const float* taps = slab.taps + run.tap;
+    float* most = slab.red + run.pixel;
+    int64_t i = 0;
+    for (; i + lanes <= run.count; i += lanes) {
+      const V value = weights.At(Row{taps + i}, 0);
+      hn::StoreU(hn::Max(value, hn::LoadU(d, most + i)), d, most + i);
+    }
+    if (i < run.count) {
+      const M mask = hn::FirstN(d, static_cast<size_t>(run.count - i));
+      const V value = weights.At(PartialRow{taps + i, mask}, 0);
+      const V before = hn::MaskedLoad(mask, d, most + i);
+      hn::BlendedStore(hn::Max(value, before), mask, d, most + i);
+    }
   }
 }
 
@@ -313,7 +326,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace fovea::render {
 
-KernelFunction::KernelFunction(const TransferFunction& transfer) : table(transfer) {
+KernelFunction::KernelFunction(const TransferFunction& transfer) {
   const auto& points = transfer.points;
   const auto channels = [](const TransferFunction::Point& p) {
     return std::array<double, 4>{p.color.red, p.color.green, p.color.blue, p.opacity};
@@ -322,9 +335,12 @@ KernelFunction::KernelFunction(const TransferFunction& transfer) : table(transfe
   for (int c = 0; c < 4; ++c) {
     base[c] = static_cast<float>(first[c]);
   }
-  by_table = points.size() > kMostRamps + 1;
+  if (points.size() > kMostRamps + 1) {
+    table.emplace(transfer);
+    return;
+  }
   const double range = points.back().value - points.front().value;
-  for (size_t i = 0; !by_table && i + 1 < points.size(); ++i) {
+  for (size_t i = 0; i + 1 < points.size(); ++i) {
     const std::array<double, 4> from = channels(points[i]);
     const std::array<double, 4> to = channels(points[i + 1]);
     if (from == to) {
@@ -348,12 +364,12 @@ HWY_EXPORT(Maximum);
 HWY_EXPORT(TargetName);
 
 void CompositeSlab(const KernelFunction& function, const KernelFunction& color,
-                   const KernelLight* light, const SlabRun& run) {
-  HWY_DYNAMIC_DISPATCH(Composite)(function, color, light, run);
+                   const KernelLight* light, const Slab& slab, std::span<const SlabRun> runs) {
+  HWY_DYNAMIC_DISPATCH(Composite)(function, color, light, slab, runs);
 }
 
-void MaximumSlab(const SlabRun& run) {
-  HWY_DYNAMIC_DISPATCH(Maximum)(run);
+void MaximumSlab(const Slab& slab, std::span<const SlabRun> runs) {
+  HWY_DYNAMIC_DISPATCH(Maximum)(slab, runs);
 }
 
 std::string KernelTarget() {

@@ -2,6 +2,8 @@
 #define ENGINE_RENDER_SLAB_KERNEL_H_
 
 #include <cstdint>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -25,8 +27,7 @@ struct KernelFunction {
 
   float base[4];
   std::vector<Ramp> ramps;
-  bool by_table = false;
-  TransferTable table;
+  std::optional<TransferTable> table;  // if there are more points than ramps may be
 };
 
 /// A light for gradient shading, all in the axes (u, v, k) of the slices.
@@ -39,31 +40,34 @@ struct KernelLight {
   float weak_gradient;  // squared length below which a gradient says little
 };
 
-/// A run of `count` pixels of one row of one slice. The taps of pixel i are taps[i], taps[i + 1]
-/// and the same one row on; gradients also read one row and one slice around, and one tap to each
-/// side.
-struct SlabRun {
+/// What all runs of a slice share. The taps of a pixel are four values: t, t + 1 and the same one
+/// row on; gradients also read one row and one slice around, and one value to each side.
+struct Slab {
   const float* taps = nullptr;
   const float* color_taps = nullptr;  // a second field whose value gives the colour; may be null
   int64_t row_stride = 0, slice_stride = 0;
-  float fu = 0, fv = 0;  // weights of the second taps
-  int64_t count = 0;
+  float fu = 0, fv = 0;                  // weights of the second taps
   float length = 0;                      // path through the slab in voxel lengths
-  const float* opacity_scale = nullptr;  // D a pixel, or null for 1
+  const float* opacity_scale = nullptr;  // D by pixel, or null for 1
   const float* length_scale = nullptr;   // the part of the path that counts, or null for all
-  float* red = nullptr;                  // the accumulators of the first pixel
+  float* red = nullptr;                  // the accumulators
   float* green = nullptr;
   float* blue = nullptr;
   float* transmittance = nullptr;
 };
 
+/// A run of `count` pixels of one row: its first pixel is planes[pixel], its first tap taps[tap].
+struct SlabRun {
+  int64_t tap = 0, pixel = 0, count = 0;
+};
+
 /// Composites behind what the accumulators hold: Yu et al., eq. (3), slabs of opacity
 /// 1 - (1 - D alpha)^length. `color` classifies color_taps; with those null it is not used.
 void CompositeSlab(const KernelFunction& function, const KernelFunction& color,
-                   const KernelLight* light, const SlabRun& run);
+                   const KernelLight* light, const Slab& slab, std::span<const SlabRun> runs);
 
-/// Maximum intensity: run.red keeps the largest value met, the other accumulators are not used.
-void MaximumSlab(const SlabRun& run);
+/// Maximum intensity: slab.red keeps the largest value met, the other accumulators are not used.
+void MaximumSlab(const Slab& slab, std::span<const SlabRun> runs);
 
 /// The instruction set in use, as Highway names it: "AVX3", "AVX2", "SSE4" ...
 [[nodiscard]] std::string KernelTarget();
