@@ -37,10 +37,54 @@ class SliceSampler {
     return (1 - fv) * near + fv * far;
   }
 
+  /// The rows v and v + 1 (the border repeated) of slice k, and the step along u.
+  struct RowPair {
+    const float* near;
+    const float* far;
+    int64_t stride;
+  };
+  [[nodiscard]] RowPair Rows(int64_t v, int64_t k) const {
+    const float* slice = voxels_.values.data() + k * stride_k_;
+    return {slice + std::clamp<int64_t>(v, 0, size_v_ - 1) * stride_v_,
+            slice + std::clamp<int64_t>(v + 1, 0, size_v_ - 1) * stride_v_, stride_u_};
+  }
+
  private:
   const Grid& voxels_;
   const ShearView& view_;
   int64_t size_u_ = 0, size_v_ = 0, stride_u_ = 0, stride_v_ = 0, stride_k_ = 0;
+};
+
+/// The transfer function itself, in double.
+class ExactFunction {
+ public:
+  explicit ExactFunction(const TransferFunction& transfer) : points_(transfer.points) {}
+
+  [[nodiscard]] Classified At(float value) const {
+    const double v = std::isnan(value) ? points_.front().value : static_cast<double>(value);
+    const auto above =
+        std::lower_bound(points_.begin(), points_.end(), v,
+                         [](const TransferFunction::Point& p, double x) { return p.value < x; });
+    if (above == points_.begin() || above == points_.end()) {
+      const TransferFunction::Point& end = above == points_.end() ? points_.back() : *above;
+      return Make(end, end, 0);
+    }
+    const TransferFunction::Point& a = *(above - 1);
+    return Make(a, *above, (v - a.value) / (above->value - a.value));
+  }
+
+ private:
+  static Classified Make(const TransferFunction::Point& a, const TransferFunction::Point& b,
+                         double f) {
+    constexpr double kMostOpacity = 1.0 - 1.0 / (1 << 24);
+    const auto mix = [f](float p, float q) { return p + f * (static_cast<double>(q) - p); };
+    return {static_cast<float>(mix(a.color.red, b.color.red)),
+            static_cast<float>(mix(a.color.green, b.color.green)),
+            static_cast<float>(mix(a.color.blue, b.color.blue)),
+            static_cast<float>(-std::log1p(-std::min(mix(a.opacity, b.opacity), kMostOpacity)))};
+  }
+
+  const std::vector<TransferFunction::Point>& points_;
 };
 
 /// The optical depth of one voxel-thick slab at pixel i.
@@ -60,14 +104,14 @@ float OpticalDepth(const WeightedRow& row, float sigma, int64_t i) {
 class RowTracer {
  public:
   RowTracer(const Grid& voxels, const Matrix4& index_to_world, const Vec3& fovea,
-            const RenderSettings& settings, const ShearView& view, const TransferTable& table)
+            const RenderSettings& settings, const ShearView& view)
       : sampler_(voxels, view),
         dims_(voxels.box.Size()),
         index_to_world_(index_to_world),
         fovea_(fovea),
         settings_(settings),
         view_(view),
-        table_(table) {}
+        function_(settings.transfer) {}
 
   /// Fills `pixels` (pixels[0] is column `u0`); returns the samples taken.
   uint64_t Trace(int64_t v, int64_t u0, std::vector<Pixel>* pixels) const {
@@ -99,7 +143,7 @@ class RowTracer {
     const auto fv = static_cast<float>(shift.v - floor_v);
     for (int64_t u = inside.u0; u < inside.u1; ++u) {
       const float value = sampler_.At(u + whole_u, v + whole_v, k, fu, fv);
-      const Classified c = Classify(table_.entries(), table_.offset(), table_.scale(), value);
+      const Classified c = function_.At(value);
       Accumulate(c, OpticalDepth(row, c.sigma, u), &pixels[u]);
     }
     return static_cast<uint64_t>(inside.u1 - inside.u0);
@@ -111,21 +155,90 @@ class RowTracer {
   Vec3 fovea_;
   const RenderSettings& settings_;
   const ShearView& view_;
-  const TransferTable& table_;
+  ExactFunction function_;
 };
 
-}  // namespace
+/// Rows by table: colour and transmittance of a whole slab at equal steps of the value, as a plain
+/// renderer would have them. No skipping, no termination, no weighting.
+class TableRowTracer {
+ public:
+  TableRowTracer(const Grid& voxels, const RenderSettings& settings, const ShearView& view)
+      : sampler_(voxels, view), dims_(voxels.box.Size()), view_(view), table_(settings.transfer) {
+    const TransferTable::Entry* from = table_.entries();
+    entries_.assign(from, from + TransferTable::kEntries);
+    const auto length = static_cast<float>(view.step_length);
+    for (TransferTable::Entry& entry : entries_) {
+      const float near = ExpNegative(-entry.sigma * length);
+      const float far = ExpNegative(-(entry.sigma + entry.sigma_slope) * length);
+      entry.sigma = near;  // from here on what a slab lets through
+      entry.sigma_slope = far - near;
+    }
+  }
 
-StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_world,
-                                const Vec3& fovea, const RenderSettings& settings,
-                                RenderStats* stats) {
-  FOVEA_RETURN_IF_ERROR(Validate(settings));
+  uint64_t Trace(int64_t v, int64_t u0, std::vector<Pixel>* pixels) const {
+    std::fill(pixels->begin(), pixels->end(), Pixel{});
+    uint64_t samples = 0;
+    const int64_t count = dims_[view_.axis_k];
+    for (int64_t n = 0; n < count; ++n) {
+      samples += TraceSlice(v, view_.ascending ? n : count - 1 - n, pixels->data() - u0);
+    }
+    return samples;
+  }
+
+ private:
+  uint64_t TraceSlice(int64_t v, int64_t k, Pixel* pixels) const {
+    const double z = static_cast<double>(k) + 0.5;
+    const SliceShift shift{view_.slope_u * z, view_.slope_v * z};
+    const int64_t size_u = dims_[view_.axis_u];
+    const Rect inside = PixelsInside(0, static_cast<double>(size_u), 0,
+                                     static_cast<double>(dims_[view_.axis_v]), shift);
+    if (v < inside.v0 || v >= inside.v1 || inside.u0 >= inside.u1) {
+      return 0;
+    }
+    const auto whole_u = static_cast<int64_t>(std::floor(shift.u));
+    const auto fu = static_cast<float>(shift.u - std::floor(shift.u));
+    const auto whole_v = static_cast<int64_t>(std::floor(shift.v));
+    const auto fv = static_cast<float>(shift.v - std::floor(shift.v));
+    // Only the first and the last pixels of a row may need the border repeated.
+    const int64_t first = std::clamp(-whole_u, inside.u0, inside.u1);
+    const int64_t last = std::clamp(size_u - 1 - whole_u, first, inside.u1);
+    for (int64_t u = inside.u0; u < first; ++u) {
+      Composite(sampler_.At(u + whole_u, v + whole_v, k, fu, fv), &pixels[u]);
+    }
+    const auto [near, far, stride] = sampler_.Rows(v + whole_v, k);
+    for (int64_t u = first; u < last; ++u) {
+      const int64_t at = (u + whole_u) * stride;
+      const float a = near[at] + fu * (near[at + stride] - near[at]);
+      const float b = far[at] + fu * (far[at + stride] - far[at]);
+      Composite(a + fv * (b - a), &pixels[u]);
+    }
+    for (int64_t u = last; u < inside.u1; ++u) {
+      Composite(sampler_.At(u + whole_u, v + whole_v, k, fu, fv), &pixels[u]);
+    }
+    return static_cast<uint64_t>(inside.u1 - inside.u0);
+  }
+
+  void Composite(float value, Pixel* pixel) const {
+    const Classified c = Classify(entries_.data(), table_.offset(), table_.scale(), value);
+    const float weight = pixel->transmittance * (1.0F - c.sigma);
+    pixel->red += weight * c.red;
+    pixel->green += weight * c.green;
+    pixel->blue += weight * c.blue;
+    pixel->transmittance *= c.sigma;
+  }
+
+  SliceSampler sampler_;
+  Int3 dims_;
+  const ShearView& view_;
+  TransferTable table_;
+  std::vector<TransferTable::Entry> entries_;
+};
+
+/// All rows of the sheet, and the warp.
+template <typename Tracer>
+Image RenderSheet(const Tracer& tracer, const Int3& dims, const ShearView& view,
+                  const RenderSettings& settings, RenderStats* stats) {
   Stopwatch watch;
-  const Int3 dims = voxels.box.Size();
-  const ShearView view =
-      FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
-  const TransferTable table(settings.transfer);
-  const RowTracer tracer(voxels, index_to_world, fovea, settings, view, table);
   PyramidLevel sheet;
   sheet.plan.rect = SheetRect(dims, view);
   const Rect rect = sheet.plan.rect;
@@ -149,6 +262,31 @@ StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_worl
     *stats = {samples, render_ms, watch.RestartMs()};
   }
   return image;
+}
+
+}  // namespace
+
+StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_world,
+                                const Vec3& fovea, const RenderSettings& settings,
+                                RenderStats* stats) {
+  FOVEA_RETURN_IF_ERROR(Validate(settings));
+  const Int3 dims = voxels.box.Size();
+  const ShearView view =
+      FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
+  return RenderSheet(RowTracer(voxels, index_to_world, fovea, settings, view), dims, view, settings,
+                     stats);
+}
+
+StatusOr<Image> RenderPlainLoops(const Grid& voxels, const Matrix4& index_to_world,
+                                 const RenderSettings& settings, RenderStats* stats) {
+  FOVEA_RETURN_IF_ERROR(Validate(settings));
+  if (settings.weighting.kind != Weighting::Kind::kNone) {
+    return InvalidArgument("the plain loops know no weighting; RenderReference does");
+  }
+  const Int3 dims = voxels.box.Size();
+  const ShearView view =
+      FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
+  return RenderSheet(TableRowTracer(voxels, settings, view), dims, view, settings, stats);
 }
 
 }  // namespace fovea::render

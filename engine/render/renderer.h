@@ -54,12 +54,19 @@ struct RenderStats {
                                              const RenderSettings& settings,
                                              RenderStats* stats = nullptr);
 
-/// Full-resolution direct rendering (Yu et al., eq. (3), plain loops over every voxel) of a whole
-/// volume, on the same sheared grid and with the same warp: what RenderFoveated is held against.
-/// `fovea` is needed by the weightings only. Ignores `settings.smoothing`. Cost O(n^3).
+/// Full-resolution direct rendering (Yu et al., eq. (3), every voxel) of a whole volume, on the same
+/// sheared grid and with the same warp: what RenderFoveated is held against. The transfer function
+/// is evaluated in double. `fovea` is needed by the weightings only. Ignores `settings.smoothing`
+/// and skips nothing. Cost O(n^3). For speed at full resolution, RenderFoveated(WholeVolume(..)).
 [[nodiscard]] StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_world,
                                               const Vec3& fovea, const RenderSettings& settings,
                                               RenderStats* stats = nullptr);
+
+/// The same, as a plain renderer does it: an RGB table, no skipping, no termination, no SIMD by hand.
+/// What speed is measured against. INVALID_ARGUMENT with a weighting.
+[[nodiscard]] StatusOr<Image> RenderPlainLoops(const Grid& voxels, const Matrix4& index_to_world,
+                                               const RenderSettings& settings,
+                                               RenderStats* stats = nullptr);
 
 }  // namespace fovea::render
 

@@ -75,7 +75,7 @@ void Run(const Options& options) {
       rays.push_back(counted.render_ms);
       smooth.push_back(counted.smooth_warp_ms);
       watch.RestartMs();
-      (void)render::RenderReference(voxels, Matrix4{}, fovea, settings).value();
+      (void)render::RenderPlainLoops(voxels, Matrix4{}, settings).value();
       plain.push_back(watch.ElapsedMs());
     }
     std::printf("%-6g %10lld %12llu %9.2f %9.2f %9.2f %9.2f %12.1f %7.1f\n", rate,

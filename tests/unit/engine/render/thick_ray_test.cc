@@ -155,6 +155,7 @@ TEST(ThickRayTest, EqualsBruteForceOnTheFoveatedVolumeAlongEveryAxis) {
         settings.width_px = settings.height_px = 76;
         settings.transfer = Colorful();
         settings.smoothing = Smoothing::kNone;
+        settings.spent_transmittance = 0;
         ASSERT_OK_AND_ASSIGN(const Image image, RenderFoveated(super_voxels, Matrix4{}, settings));
         int64_t compared = 0;
         const double worst = WorstAgainstBruteForce(image, foveated, centre, settings.transfer,
@@ -189,6 +190,7 @@ TEST(ThickRayTest, EverythingKeptEqualsFullResolutionFromAnyDirection) {
     settings.transfer = Colorful();
     settings.width_px = 90;
     settings.height_px = 70;
+    settings.spent_transmittance = 0;
     settings.weighting.kind = static_cast<Weighting::Kind>(trial % 3);
     settings.weighting.falloff_per_voxel = 0.1;
     const Matrix4 matrix = trial % 2 == 0 ? Matrix4{} : Oblique();
@@ -202,6 +204,30 @@ TEST(ThickRayTest, EverythingKeptEqualsFullResolutionFromAnyDirection) {
           << "azimuth " << settings.view.azimuth_deg << " elevation " << settings.view.elevation_deg
           << " trial " << trial;
     }
+  }
+}
+
+/// The renderers that speed is measured against draw the same picture.
+TEST(ThickRayTest, FullResolutionRenderersAgree) {
+  const Grid volume = MakeWavyGrid({40, 45, 51});
+  RenderSettings settings;
+  settings.transfer = Colorful();
+  settings.width_px = settings.height_px = 80;
+  for (const OrthographicView& view :
+       {OrthographicView{0, 0, {}, {}}, OrthographicView{20, 60, {}, {}},
+        OrthographicView{100, -30, {}, {}}}) {
+    settings.view = view;
+    settings.spent_transmittance = 0;
+    ASSERT_OK_AND_ASSIGN(const Image expected,
+                         RenderReference(volume, Oblique(), {20, 20, 20}, settings));
+    ASSERT_OK_AND_ASSIGN(const Image plain, RenderPlainLoops(volume, Oblique(), settings));
+    EXPECT_LT(LargestDifference(plain, expected), 1e-3);  // a table's error
+    const SuperVoxels whole = WholeVolume(volume, {20, 20, 20}, 1);
+    ASSERT_OK_AND_ASSIGN(const Image fast, RenderFoveated(whole, Oblique(), settings));
+    EXPECT_LT(LargestDifference(fast, expected), 1e-5);
+    settings.spent_transmittance = 1.0F / 4096;
+    ASSERT_OK_AND_ASSIGN(const Image skipping, RenderFoveated(whole, Oblique(), settings));
+    EXPECT_LT(LargestDifference(skipping, expected), 1.0 / 4096 + 1e-5);
   }
 }
 
