@@ -14,7 +14,6 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 using D = hn::ScalableTag<float>;
 using V = hn::Vec<D>;
-using M = hn::Mask<D>;
 
 /// ln(1 - opacity) for opacity 0 to 1, within 2 ulp. 1 is taken as 1 - 2^-24.
 HWY_INLINE V LogTransparency(V opacity) {
@@ -62,6 +61,38 @@ HWY_INLINE V ExpNegative(V x) {
   return hn::BitCast(d, hn::Add(hn::BitCast(di, p), hn::ShiftLeft<23>(whole)));
 }
 
+/// The first lanes of a vector. Highway's own masked access needs alignment before AVX2.
+class Lanes {
+ public:
+  explicit Lanes(int64_t count) : count_(static_cast<size_t>(count)) {}
+#if HWY_TARGET <= HWY_AVX2
+  HWY_INLINE V Load(const float* from) const {
+    return hn::MaskedLoad(hn::FirstN(D(), count_), D(), from);
+  }
+  HWY_INLINE void Store(V value, float* to) const {
+    hn::BlendedStore(value, hn::FirstN(D(), count_), D(), to);
+  }
+#else
+  HWY_INLINE V Load(const float* from) const {
+    HWY_ALIGN float lanes[hn::MaxLanes(D())] = {};
+    for (size_t i = 0; i < count_; ++i) {
+      lanes[i] = from[i];
+    }
+    return hn::Load(D(), lanes);
+  }
+  HWY_INLINE void Store(V value, float* to) const {
+    HWY_ALIGN float lanes[hn::MaxLanes(D())];
+    hn::Store(value, D(), lanes);
+    for (size_t i = 0; i < count_; ++i) {
+      to[i] = lanes[i];
+    }
+  }
+#endif
+
+ private:
+  size_t count_;
+};
+
 /// A row of taps, all lanes or the first few.
 struct Row {
   const float* at;
@@ -69,8 +100,8 @@ struct Row {
 };
 struct PartialRow {
   const float* at;
-  M mask;
-  HWY_INLINE V Load(int64_t offset) const { return hn::MaskedLoad(mask, D(), at + offset); }
+  Lanes lanes;
+  HWY_INLINE V Load(int64_t offset) const { return lanes.Load(at + offset); }
 };
 
 struct Weights {
@@ -198,13 +229,13 @@ class Compositor {
           [](V value, float* to) HWY_ATTR { hn::StoreU(value, D(), to); });
     }
     if (i < run.count) {
-      const M mask = hn::FirstN(d, static_cast<size_t>(run.count - i));
+      const Lanes some(run.count - i);
       Step(
           run.tap + i, run.pixel + i,
-          [mask](const float* at) HWY_ATTR {
-            return PartialRow{at, mask};
+          [some](const float* at) HWY_ATTR {
+            return PartialRow{at, some};
           },
-          [mask](V value, float* to) HWY_ATTR { hn::BlendedStore(value, mask, D(), to); });
+          [some](V value, float* to) HWY_ATTR { some.Store(value, to); });
     }
   }
 
@@ -308,10 +339,9 @@ void Maximum(const Slab& slab, std::span<const SlabRun> runs) {
       hn::StoreU(hn::Max(value, hn::LoadU(d, most + i)), d, most + i);
     }
     if (i < run.count) {
-      const M mask = hn::FirstN(d, static_cast<size_t>(run.count - i));
-      const V value = weights.At(PartialRow{taps + i, mask}, 0);
-      const V before = hn::MaskedLoad(mask, d, most + i);
-      hn::BlendedStore(hn::Max(value, before), mask, d, most + i);
+      const Lanes some(run.count - i);
+      const V value = weights.At(PartialRow{taps + i, some}, 0);
+      some.Store(hn::Max(value, some.Load(most + i)), most + i);
     }
   }
 }
