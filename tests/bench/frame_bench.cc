@@ -1,118 +1,222 @@
-// Milliseconds of a frame, thick rays against plain loops over every voxel, in one run:
-//   frame_bench [--raw FILE NX NY NZ] [--size N] [--rounds R] [--threads T]
-// Without --raw, on a procedural volume of N^3 voxels (default 256). The two renderers take turns;
-// the medians of the rounds are printed, and the ratio of the medians.
+// Milliseconds of a frame, in one run, named workloads:
+//   frame_bench [--workload NAME,NAME,...] [--rounds R] [--threads T]
+//   frame_bench --raw FILE NX NY NZ [--rate RATE] [--rounds R] [--threads T]
+// A workload is a volume of tests/bench/scenes.h and a rate, as bonsai25, brain25, colin27-40,
+// bonsai512-40 or procedural512-40; or growth, smoothing, memory or threads (what each measures is
+// said in workloads.h). Renderers take turns; medians of the rounds, and ratios of the medians.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <fstream>
-#include <iterator>
+#include <sstream>
 #include <string>
 #include <vector>
 
 #include "engine/base/stopwatch.h"
-#include "engine/fovea/coefficient_source.h"
 #include "engine/fovea/reconstruct.h"
-#include "engine/render/defaults.h"
 #include "engine/render/renderer.h"
-#include "tests/support/volumes.h"
+#include "tests/bench/scenes.h"
+#include "tests/bench/workloads.h"
 
-namespace fovea {
+namespace fovea::bench {
 namespace {
 
 struct Options {
+  std::vector<std::string> workloads;
   std::string raw;
-  Int3 dims{256, 256, 256};
+  Int3 raw_dims;
+  double raw_rate = 40;
   int rounds = 7;
   int threads = 1;
 };
 
-Grid LoadRaw(const Options& options) {
-  std::ifstream file(options.raw, std::ios::binary);
-  const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  Grid grid(Box3::OfSize(options.dims));
-  if (bytes.size() != grid.values.size()) {
-    std::fprintf(stderr, "frame_bench: %s has %zu bytes, %zu were expected\n", options.raw.c_str(),
-                 bytes.size(), grid.values.size());
-    std::exit(2);
-  }
-  std::transform(bytes.begin(), bytes.end(), grid.values.begin(),
-                 [](char c) { return static_cast<float>(static_cast<unsigned char>(c)); });
-  return grid;
-}
+/// The frames of one volume, rate and transfer function.
+struct Frames {
+  std::vector<double> rebuild, rays, smooth_warp, total, full, plain;
+  uint64_t samples = 0;
+};
 
-double Median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
-void Run(const Options& options) {
-  const Grid voxels = options.raw.empty() ? testing::MakeWavyGrid(options.dims) : LoadRaw(options);
-  BrickGrid bricks(options.dims, 16, 1, 0.0F);
-  bricks.CopyIn(voxels.box, voxels.values);
-  const FieldStats stats = ComputeStats(bricks);
-  const CoefficientSet set = testing::MakeCoefficients(voxels);
-  MemorySource source(set);
-  render::RenderSettings settings;
-  settings.view = {0, 60, {}, {}};  // 30 degrees off z: the plain loops run along rows in memory
-  settings.transfer = render::DefaultTransferFunction({&stats, 1}, set.hierarchy);
-  settings.width_px = settings.height_px = static_cast<int>(options.dims.Max());
-  settings.threads = options.threads;
-  const Vec3 fovea = render::DefaultFovea(source, stats).value();
-  std::printf("%-6s %10s %12s %9s %9s %9s %9s %12s %7s\n", "rate", "m", "samples", "rebuild",
-              "rays", "smooth", "total", "plain loops", "ratio");
-  for (const double rate : {25.0, 40.0, 100.0}) {
-    const RetainedSet retained = RetainedSet::Make(set.hierarchy, {fovea, rate}).value();
-    std::vector<double> rebuild, rays, smooth, total, plain;
+/// `whole`: every voxel as super-voxels, what full resolution is drawn from at our best.
+Status MeasureFrames(const Volume& volume, CoefficientSource& source, const RetainedSet& retained,
+                     const SuperVoxels& whole, const render::RenderSettings& settings, int rounds,
+                     Frames* frames) {
+  // Plain loops over 512^3 take seconds: a few rounds will do.
+  const int plain_rounds = volume.dims.Max() > 256 ? std::min(rounds, 3) : rounds;
+  for (int round = 0; round < rounds; ++round) {
+    Stopwatch watch;
+    FOVEA_ASSIGN_OR_RETURN(const SuperVoxels foveated,
+                           Reconstruct(source, retained, settings.threads));
+    frames->rebuild.push_back(watch.RestartMs());
     render::RenderStats counted;
-    for (int round = 0; round < options.rounds; ++round) {
-      Stopwatch watch;
-      const SuperVoxels volume = Reconstruct(source, retained, options.threads).value();
-      rebuild.push_back(watch.ElapsedMs());
-      watch.RestartMs();
-      (void)render::RenderFoveated(volume, Matrix4{}, settings, &counted).value();
-      total.push_back(watch.ElapsedMs());
-      rays.push_back(counted.render_ms);
-      smooth.push_back(counted.smooth_warp_ms);
-      watch.RestartMs();
-      (void)render::RenderPlainLoops(voxels, Matrix4{}, settings).value();
-      plain.push_back(watch.ElapsedMs());
+    FOVEA_ASSIGN_OR_RETURN(const render::Image image,
+                           render::RenderFoveated(foveated, Matrix4{}, settings, &counted));
+    frames->total.push_back(watch.RestartMs());
+    frames->rays.push_back(counted.render_ms);
+    frames->smooth_warp.push_back(counted.smooth_warp_ms);
+    frames->samples = counted.samples;
+    FOVEA_ASSIGN_OR_RETURN(const render::Image full,
+                           render::RenderFoveated(whole, Matrix4{}, settings));
+    frames->full.push_back(watch.RestartMs());
+    if (round < plain_rounds) {
+      FOVEA_ASSIGN_OR_RETURN(const render::Image plain,
+                             render::RenderPlainLoops(volume.voxels, Matrix4{}, settings));
+      frames->plain.push_back(watch.RestartMs());
     }
-    std::printf("%-6g %10lld %12llu %9.2f %9.2f %9.2f %9.2f %12.1f %7.1f\n", rate,
-                static_cast<long long>(retained.CoefficientCount()),
-                static_cast<unsigned long long>(counted.samples), Median(rebuild), Median(rays),
-                Median(smooth), Median(total), Median(plain), Median(plain) / Median(total));
   }
+  return absl::OkStatus();
+}
+
+Status RunVolume(const Volume& volume, double rate, const Options& options) {
+  FOVEA_ASSIGN_OR_RETURN(const CoefficientSet set, Transform(volume));
+  MemorySource source(set);
+  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
+                         RetainedSet::Make(set.hierarchy, {volume.fovea, rate}));
+  const double all = static_cast<double>(volume.dims.Max());
+  FOVEA_ASSIGN_OR_RETURN(const RetainedSet everything,
+                         RetainedSet::Make(set.hierarchy, {volume.fovea, all}));
+  FOVEA_ASSIGN_OR_RETURN(const SuperVoxels whole, Reconstruct(source, everything, 0));
+  for (const bool opaque : {false, true}) {
+    const render::RenderSettings settings =
+        SettingsFor(volume.dims, 30, TransferFor(volume.name, opaque), options.threads);
+    Frames frames;
+    FOVEA_RETURN_IF_ERROR(
+        MeasureFrames(volume, source, retained, whole, settings, options.rounds, &frames));
+    const double total = Median(frames.total);
+    std::printf("%-14s %-6s %4g %9lld %9llu %8.2f %8.2f %8.2f %8.2f %9.1f %6.1f x %9.1f %6.1f x\n",
+                volume.name.c_str(), opaque ? "opaque" : "semi", rate,
+                static_cast<long long>(retained.CoefficientCount()),
+                static_cast<unsigned long long>(frames.samples), Median(frames.rebuild),
+                Median(frames.rays), Median(frames.smooth_warp), total, Median(frames.full),
+                Median(frames.full) / total, Median(frames.plain), Median(frames.plain) / total);
+    std::fflush(stdout);
+  }
+  return absl::OkStatus();
+}
+
+void PrintVolumeHeader() {
+  std::printf("%-14s %-6s %4s %9s %9s %8s %8s %8s %8s %9s %8s %9s\n", "volume", "", "rate", "m",
+              "samples", "rebuild", "rays", "smooth", "frame", "full", "", "plain");
+}
+
+/// The frame on one thread against two.
+Status RunThreads(int rounds) {
+  std::printf("threads: rays, smoothing and warp, medians in ms\n%-14s %4s %9s %9s %9s\n", "volume",
+              "rate", "1 thread", "2", "ratio");
+  for (const auto& [name, rate] : {std::pair("procedural256", 40.0), {"procedural512", 40.0}}) {
+    FOVEA_ASSIGN_OR_RETURN(const Volume volume, LoadVolume(name));
+    FOVEA_ASSIGN_OR_RETURN(const CoefficientSet set, Transform(volume));
+    MemorySource source(set);
+    FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
+                           RetainedSet::Make(set.hierarchy, {volume.fovea, rate}));
+    FOVEA_ASSIGN_OR_RETURN(const SuperVoxels foveated, Reconstruct(source, retained, 0));
+    std::vector<double> times[2];
+    for (int round = 0; round < rounds; ++round) {
+      for (const int threads : {1, 2}) {
+        const render::RenderSettings settings =
+            SettingsFor(volume.dims, 30, TransferFor(volume.name, false), threads);
+        Stopwatch watch;
+        FOVEA_ASSIGN_OR_RETURN(const render::Image image,
+                               render::RenderFoveated(foveated, Matrix4{}, settings));
+        times[threads - 1].push_back(watch.ElapsedMs());
+      }
+    }
+    std::printf("%-14s %4g %9.2f %9.2f %9.2f\n", name, rate, Median(times[0]), Median(times[1]),
+                Median(times[0]) / Median(times[1]));
+  }
+  return absl::OkStatus();
+}
+
+/// "bonsai512-40" is bonsai512 at rate 40; without a dash the rate is the digits at the end.
+Status RunNamed(const std::string& name, const Options& options) {
+  if (name == "growth") {
+    return RunGrowth(options.rounds, options.threads);
+  }
+  if (name == "smoothing") {
+    return RunSmoothing(options.rounds, options.threads);
+  }
+  if (name == "memory") {
+    return RunMemory(options.threads);
+  }
+  if (name == "threads") {
+    return RunThreads(options.rounds);
+  }
+  const size_t dash = name.rfind('-');
+  const size_t digits = name.find_last_not_of("0123456789") + 1;
+  const double rate = std::atof(name.substr(digits).c_str());
+  FOVEA_ASSIGN_OR_RETURN(const Volume volume,
+                         LoadVolume(name.substr(0, dash == std::string::npos ? digits : dash)));
+  PrintVolumeHeader();
+  return RunVolume(volume, rate, options);
+}
+
+Status Run(const Options& options) {
+  if (!options.raw.empty()) {
+    FOVEA_ASSIGN_OR_RETURN(const Volume volume, LoadRaw(options.raw, options.raw_dims));
+    PrintVolumeHeader();
+    return RunVolume(volume, options.raw_rate, options);
+  }
+  for (const std::string& name : options.workloads) {
+    FOVEA_RETURN_IF_ERROR(RunNamed(name, options));
+  }
+  return absl::OkStatus();
+}
+
+int Usage() {
+  std::fprintf(stderr,
+               "usage: frame_bench [--workload NAME,... | --raw FILE NX NY NZ [--rate R]] "
+               "[--rounds R] [--threads T]\n"
+               "workloads: a volume and a rate (brain25, bonsai25, bonsai512-40, "
+               "procedural512-40 ...), growth, smoothing, memory, threads\n");
+  return 2;
+}
+
+/// False if the command line is wrong.
+bool Parse(const std::vector<std::string>& arguments, Options* options) {
+  for (size_t i = 0; i + 1 < arguments.size(); i += 2) {
+    const std::string& flag = arguments[i];
+    const std::string& value = arguments[i + 1];
+    if (flag == "--workload") {
+      std::istringstream list(value);
+      for (std::string name; std::getline(list, name, ',');) {
+        options->workloads.push_back(name);
+      }
+    } else if (flag == "--raw" && i + 4 < arguments.size()) {
+      options->raw = value;
+      for (int axis = 0; axis < 3; ++axis) {
+        options->raw_dims[axis] = std::atoll(arguments[i + 2 + axis].c_str());
+      }
+      i += 3;
+    } else if (flag == "--rate") {
+      options->raw_rate = std::atof(value.c_str());
+    } else if (flag == "--rounds") {
+      options->rounds = std::atoi(value.c_str());
+    } else if (flag == "--threads") {
+      options->threads = std::atoi(value.c_str());
+    } else {
+      return false;
+    }
+  }
+  if (options->workloads.empty()) {
+    options->workloads = {"procedural256-25", "procedural256-40"};
+  }
+  const bool pairs = (arguments.size() - (options->raw.empty() ? 0 : 3)) % 2 == 0;
+  return pairs && options->rounds >= 1 && options->threads >= 0;
+}
+
+int Main(const std::vector<std::string>& arguments) {
+  Options options;
+  if (!Parse(arguments, &options)) {
+    return Usage();
+  }
+  const Status status = Run(options);
+  if (!status.ok()) {
+    std::fprintf(stderr, "frame_bench: %s\n", std::string(MessageOf(status)).c_str());
+  }
+  return status.ok() ? 0 : 1;
 }
 
 }  // namespace
-}  // namespace fovea
+}  // namespace fovea::bench
 
 int main(int argc, char** argv) {
-  fovea::Options options;
-  for (int i = 1; i < argc; ++i) {
-    const std::string flag = argv[i];
-    const auto number = [&](int at) { return at < argc ? std::atoll(argv[at]) : 0; };
-    if (flag == "--raw" && i + 4 < argc) {
-      options.raw = argv[i + 1];
-      options.dims = {number(i + 2), number(i + 3), number(i + 4)};
-      i += 4;
-    } else if (flag == "--size") {
-      options.dims = {number(i + 1), number(i + 1), number(i + 1)};
-      ++i;
-    } else if (flag == "--rounds") {
-      options.rounds = static_cast<int>(number(++i));
-    } else if (flag == "--threads") {
-      options.threads = static_cast<int>(number(++i));
-    } else {
-      std::fprintf(stderr, "frame_bench: unknown or incomplete flag '%s'\n", argv[i]);
-      return 2;
-    }
-  }
-  if (options.rounds < 1 || options.dims.x < 1 || options.dims.y < 1 || options.dims.z < 1) {
-    std::fprintf(stderr, "frame_bench: sizes and rounds must be at least 1\n");
-    return 2;
-  }
-  fovea::Run(options);
-  return 0;
+  return fovea::bench::Main(std::vector<std::string>(argv + 1, argv + argc));
 }
