@@ -4,16 +4,36 @@
 #include <array>
 #include <cmath>
 
+#include "engine/render/lighting.h"
+
 namespace fovea::render {
 
-FrameInputs::FrameInputs(const SuperVoxels& voxels, const ShearView& sheared,
-                         const Matrix4& to_world, const RenderSettings& wanted)
+namespace {
+
+/// A field of colours shares the kernel's way of looking up with the one of opacities.
+bool UsesTables(const SuperVoxels* color, const RenderSettings& settings) {
+  return KernelFunction::NeedsTable(settings.transfer) ||
+         (color != nullptr && KernelFunction::NeedsTable(settings.color_transfer));
+}
+
+}  // namespace
+
+FrameInputs::FrameInputs(const SuperVoxels& voxels, const SuperVoxels* color_voxels,
+                         const ShearView& sheared, const Matrix4& to_world,
+                         const RenderSettings& wanted)
     : volume(voxels),
+      color(color_voxels),
       view(sheared),
       index_to_world(to_world),
       settings(wanted),
-      function(wanted.transfer),
-      transparent(wanted.transfer) {}
+      function(wanted.transfer, UsesTables(color_voxels, wanted)),
+      color_function(color_voxels != nullptr ? wanted.color_transfer : wanted.transfer,
+                     UsesTables(color_voxels, wanted)),
+      transparent(wanted.transfer) {
+  if (wanted.lighting.enabled) {
+    light = MakeLight(wanted.lighting, wanted.transfer, sheared, to_world);
+  }
+}
 
 void SpentPixels::Clear(const Rect& rect) {
   any = false;
@@ -27,6 +47,10 @@ LevelTracer::LevelTracer(const FrameInputs& frame, Layer* layer)
       slices_(frame.volume.levels[layer->plan.level], frame.view, frame.settings.threads),
       live_(frame.volume.blocks[layer->plan.level], frame.volume.levels[layer->plan.level].box,
             frame.transparent, frame.view) {
+  if (frame.color != nullptr) {
+    color_slices_.emplace(frame.color->levels[layer->plan.level], frame.view,
+                          frame.settings.threads);
+  }
   for (const SlicePlan& plan : layer_.plan.slices) {
     // Pixel i samples at i + shift in cell-centre coordinates: four taps of constant weight.
     const double whole_u = std::floor(plan.shift.u);
@@ -67,7 +91,7 @@ uint64_t LevelTracer::TraceRows(Side side, int64_t v0, int64_t v1, SpentPixels* 
       }
     }
   }
-  if (!CountsDepthByPixel()) {
+  if (!frame_.IsCut()) {
     // Runs were marked at their ends.
     Gathered& into = side == Side::kFront ? layer_.front : layer_.back;
     const int64_t width = layer_.plan.rect.Width();
@@ -149,6 +173,10 @@ uint64_t LevelTracer::AddRange(const Slice& slice, Side side, int64_t v, Range r
 template <typename Body>
 void LevelTracer::ForEachLive(const Slice& slice, int64_t v, Range range, const SpentPixels& spent,
                               const Body& body) const {
+  if (frame_.settings.compositing == Compositing::kMaximum) {
+    body(range);
+    return;
+  }
   const uint8_t* live = live_.Row(v + slice.whole_v, slice.plan->k);
   const auto unspent = [&](Range run) {
     if (!spent.any) {
@@ -200,8 +228,11 @@ void LevelTracer::Composite(const Slice& slice, Side side, const std::vector<Sla
   slab.green = into.green.data();
   slab.blue = into.blue.data();
   slab.transmittance = into.transmittance.data();
-  if (frame_.settings.weighting.kind == Weighting::Kind::kNone) {
-    CompositeSlab(frame_.function, frame_.function, nullptr, slab, runs);
+  if (color_slices_) {
+    slab.color_taps = color_slices_->Row(0, slice.plan->k);
+  }
+  if (!frame_.IsWeighted()) {
+    CallKernel(slab, runs);
     return;
   }
   for (const SlabRun& run : runs) {
@@ -211,29 +242,42 @@ void LevelTracer::Composite(const Slice& slice, Side side, const std::vector<Sla
 
 void LevelTracer::CompositeWeighted(const Slice& slice, const SlabRun& run, Slab slab) const {
   constexpr int64_t kAtOnce = 128;
-  std::array<float, kAtOnce> scale;
+  std::array<float, kAtOnce> opacity_scale;
+  std::array<float, kAtOnce> length_scale;
   const int64_t row_width = layer_.plan.rect.Width();
   const int64_t v = layer_.plan.rect.v0 + run.pixel / row_width;
   const int64_t u = layer_.plan.rect.u0 + run.pixel % row_width;
-  const WeightedRow row =
-      MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at,
-                      frame_.settings.weighting, v, slice.plan->k,
-                      static_cast<double>(layer_.plan.width), slice.plan->thickness);
-  const bool chop = frame_.settings.weighting.kind == Weighting::Kind::kChop;
+  const WeightedRow row = MakeWeightedRow(
+      frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at, frame_.settings, v,
+      slice.plan->k, static_cast<double>(layer_.plan.width), slice.plan->thickness);
+  const bool falls_off = frame_.settings.weighting.kind == Weighting::Kind::kFalloff;
   for (int64_t done = 0; done < run.count; done += kAtOnce) {
     const SlabRun part{run.tap + done, run.pixel + done, std::min(kAtOnce, run.count - done)};
-    for (int64_t i = 0; i < part.count; ++i) {
-      const int64_t at = u + done + i;
-      scale[static_cast<size_t>(i)] =
-          chop ? row.KeptLength(at) / slab.length : static_cast<float>(row.Falloff(at));
+    for (int64_t i = 0; falls_off && i < part.count; ++i) {
+      opacity_scale[static_cast<size_t>(i)] = static_cast<float>(row.Falloff(u + done + i));
     }
-    (chop ? slab.length_scale : slab.opacity_scale) = scale.data() - part.pixel;
-    CompositeSlab(frame_.function, frame_.function, nullptr, slab, {&part, 1});
+    float most = 0;
+    for (int64_t i = 0; frame_.IsCut() && i < part.count; ++i) {
+      const float kept = row.KeptLength(u + done + i) / slab.length;
+      length_scale[static_cast<size_t>(i)] = kept;
+      most = std::max(most, kept);
+    }
+    if (frame_.IsCut() && most <= 0) {
+      continue;
+    }
+    slab.opacity_scale = falls_off ? opacity_scale.data() - part.pixel : nullptr;
+    slab.length_scale = frame_.IsCut() ? length_scale.data() - part.pixel : nullptr;
+    CallKernel(slab, {&part, 1});
   }
 }
 
-bool LevelTracer::CountsDepthByPixel() const {
-  return frame_.settings.weighting.kind == Weighting::Kind::kChop;
+void LevelTracer::CallKernel(const Slab& slab, std::span<const SlabRun> runs) const {
+  if (frame_.settings.compositing == Compositing::kMaximum) {
+    MaximumSlab(slab, runs);
+  } else {
+    CompositeSlab(frame_.function, frame_.color_function, frame_.light ? &*frame_.light : nullptr,
+                  slab, runs);
+  }
 }
 
 /// Skipped samples count too. Without chop all pixels of a run count alike, so only the ends of the
@@ -243,7 +287,7 @@ void LevelTracer::CountDepth(const Slice& slice, Gathered* into, int64_t v, Rang
   const auto thickness = static_cast<float>(plan.thickness);
   float* depth = into->depth.data() + layer_.Index(layer_.plan.rect.u0, v);
   const int64_t u0 = layer_.plan.rect.u0;
-  if (!CountsDepthByPixel()) {
+  if (!frame_.IsCut()) {
     depth[range.begin - u0] += thickness;
     if (range.end < layer_.plan.rect.u1) {
       depth[range.end - u0] -= thickness;
@@ -253,7 +297,7 @@ void LevelTracer::CountDepth(const Slice& slice, Gathered* into, int64_t v, Rang
   const auto width = static_cast<double>(layer_.plan.width);
   const WeightedRow row =
       MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at,
-                      frame_.settings.weighting, v, plan.k, width, plan.thickness);
+                      frame_.settings, v, plan.k, width, plan.thickness);
   const auto length = static_cast<float>(row.length);
   for (int64_t i = range.begin; i < range.end; ++i) {
     depth[i - u0] += thickness * row.KeptLength(i) / length;

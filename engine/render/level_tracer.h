@@ -1,6 +1,8 @@
 #ifndef ENGINE_RENDER_LEVEL_TRACER_H_
 #define ENGINE_RENDER_LEVEL_TRACER_H_
 
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "engine/render/live_blocks.h"
@@ -11,14 +13,24 @@ namespace fovea::render {
 
 /// What is the same for all levels of a frame.
 struct FrameInputs {
-  FrameInputs(const SuperVoxels& voxels, const ShearView& sheared, const Matrix4& to_world,
-              const RenderSettings& wanted);
+  FrameInputs(const SuperVoxels& voxels, const SuperVoxels* color_voxels, const ShearView& sheared,
+              const Matrix4& to_world, const RenderSettings& wanted);
+  /// Whether samples weigh differently along a row.
+  [[nodiscard]] bool IsWeighted() const {
+    return settings.weighting.kind != Weighting::Kind::kNone || !settings.clip.IsEmpty();
+  }
+  /// Whether parts of slabs are cut away.
+  [[nodiscard]] bool IsCut() const {
+    return settings.weighting.kind == Weighting::Kind::kChop || !settings.clip.IsEmpty();
+  }
 
   const SuperVoxels& volume;
+  const SuperVoxels* color;
   const ShearView& view;
   const Matrix4& index_to_world;
   const RenderSettings& settings;
-  KernelFunction function;
+  KernelFunction function, color_function;
+  std::optional<KernelLight> light;
   TransparentValues transparent;
 };
 
@@ -71,11 +83,12 @@ class LevelTracer {
   void CompositeWeighted(const Slice& slice, const SlabRun& run, Slab slab) const;
   void CountDepth(const Slice& slice, Gathered* into, int64_t v, Range range) const;
   void FindSpent(Side side, int64_t v, const std::vector<float>& reach, SpentPixels* spent) const;
-  [[nodiscard]] bool CountsDepthByPixel() const;
+  void CallKernel(const Slab& slab, std::span<const SlabRun> runs) const;
 
   const FrameInputs& frame_;
   Layer& layer_;
   SliceView slices_;
+  std::optional<SliceView> color_slices_;
   LiveBlocks live_;
   std::vector<Slice> prepared_;
 };

@@ -2,16 +2,25 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
+#include <optional>
 
 #include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 #include "engine/render/composite.h"
+#include "engine/render/lighting.h"
 #include "engine/render/renderer.h"
 #include "engine/render/thick_ray.h"
 #include "engine/render/warp.h"
 
 namespace fovea::render {
 namespace {
+
+/// The first of four taps, and the weights of the second ones.
+struct Tap {
+  int64_t u, v, k;
+  float fu, fv;
+};
 
 /// The value of a slice at (u, v) in cell-centre coordinates, the border repeated outside.
 class SliceSampler {
@@ -21,20 +30,31 @@ class SliceSampler {
     const int64_t strides[3] = {1, size.x, size.x * size.y};
     size_u_ = size[view.axis_u];
     size_v_ = size[view.axis_v];
+    size_k_ = size[view.axis_k];
     stride_u_ = strides[view.axis_u];
     stride_v_ = strides[view.axis_v];
     stride_k_ = strides[view.axis_k];
   }
 
-  [[nodiscard]] float At(int64_t u, int64_t v, int64_t k, float fu, float fv) const {
-    const int64_t u0 = std::clamp<int64_t>(u, 0, size_u_ - 1) * stride_u_;
-    const int64_t u1 = std::clamp<int64_t>(u + 1, 0, size_u_ - 1) * stride_u_;
-    const int64_t v0 = std::clamp<int64_t>(v, 0, size_v_ - 1) * stride_v_;
-    const int64_t v1 = std::clamp<int64_t>(v + 1, 0, size_v_ - 1) * stride_v_;
-    const float* slice = voxels_.values.data() + k * stride_k_;
-    const float near = (1 - fu) * slice[u0 + v0] + fu * slice[u1 + v0];
-    const float far = (1 - fu) * slice[u0 + v1] + fu * slice[u1 + v1];
-    return (1 - fv) * near + fv * far;
+  [[nodiscard]] float At(const Tap& tap) const {
+    const int64_t u0 = std::clamp<int64_t>(tap.u, 0, size_u_ - 1) * stride_u_;
+    const int64_t u1 = std::clamp<int64_t>(tap.u + 1, 0, size_u_ - 1) * stride_u_;
+    const int64_t v0 = std::clamp<int64_t>(tap.v, 0, size_v_ - 1) * stride_v_;
+    const int64_t v1 = std::clamp<int64_t>(tap.v + 1, 0, size_v_ - 1) * stride_v_;
+    const float* slice =
+        voxels_.values.data() + std::clamp<int64_t>(tap.k, 0, size_k_ - 1) * stride_k_;
+    const float near = (1 - tap.fu) * slice[u0 + v0] + tap.fu * slice[u1 + v0];
+    const float far = (1 - tap.fu) * slice[u0 + v1] + tap.fu * slice[u1 + v1];
+    return (1 - tap.fv) * near + tap.fv * far;
+  }
+
+  /// Central differences, (u, v, k).
+  [[nodiscard]] std::array<float, 3> GradientAt(const Tap& tap) const {
+    const auto difference = [&](int64_t du, int64_t dv, int64_t dk) {
+      return 0.5F * (At({tap.u + du, tap.v + dv, tap.k + dk, tap.fu, tap.fv}) -
+                     At({tap.u - du, tap.v - dv, tap.k - dk, tap.fu, tap.fv}));
+    };
+    return {difference(1, 0, 0), difference(0, 1, 0), difference(0, 0, 1)};
   }
 
   /// The rows v and v + 1 (the border repeated) of slice k, and the step along u.
@@ -52,58 +72,27 @@ class SliceSampler {
  private:
   const Grid& voxels_;
   const ShearView& view_;
-  int64_t size_u_ = 0, size_v_ = 0, stride_u_ = 0, stride_v_ = 0, stride_k_ = 0;
+  int64_t size_u_ = 0, size_v_ = 0, size_k_ = 0, stride_u_ = 0, stride_v_ = 0, stride_k_ = 0;
 };
 
-/// The transfer function itself, in double.
-class ExactFunction {
- public:
-  explicit ExactFunction(const TransferFunction& transfer) : points_(transfer.points) {}
-
-  [[nodiscard]] Classified At(float value) const {
-    const double v = std::isnan(value) ? points_.front().value : static_cast<double>(value);
-    const auto above =
-        std::lower_bound(points_.begin(), points_.end(), v,
-                         [](const TransferFunction::Point& p, double x) { return p.value < x; });
-    if (above == points_.begin() || above == points_.end()) {
-      const TransferFunction::Point& end = above == points_.end() ? points_.back() : *above;
-      return Make(end, end, 0);
-    }
-    const TransferFunction::Point& a = *(above - 1);
-    return Make(a, *above, (v - a.value) / (above->value - a.value));
-  }
-
- private:
-  static Classified Make(const TransferFunction::Point& a, const TransferFunction::Point& b,
-                         double f) {
-    constexpr double kMostOpacity = 1.0 - 1.0 / (1 << 24);
-    const auto mix = [f](float p, float q) { return p + f * (static_cast<double>(q) - p); };
-    return {static_cast<float>(mix(a.color.red, b.color.red)),
-            static_cast<float>(mix(a.color.green, b.color.green)),
-            static_cast<float>(mix(a.color.blue, b.color.blue)),
-            static_cast<float>(-std::log1p(-std::min(mix(a.opacity, b.opacity), kMostOpacity)))};
-  }
-
-  const std::vector<TransferFunction::Point>& points_;
-};
+Classified Classify(const TransferFunction& transfer, float value) {
+  constexpr double kMostOpacity = 1.0 - 1.0 / (1 << 24);
+  const Appearance a = AppearanceOf(transfer, value);
+  return {static_cast<float>(a.red), static_cast<float>(a.green), static_cast<float>(a.blue),
+          static_cast<float>(-std::log1p(-std::min(a.opacity, kMostOpacity)))};
+}
 
 /// The optical depth of one voxel-thick slab at pixel i.
 float OpticalDepth(const WeightedRow& row, float sigma, int64_t i) {
-  switch (row.weighting.kind) {
-    case Weighting::Kind::kNone:
-      return sigma * static_cast<float>(row.length);
-    case Weighting::Kind::kChop:
-      return sigma * row.KeptLength(i);
-    case Weighting::Kind::kFalloff:
-      return FalloffDepth(sigma, row.Falloff(i), row.length);
-  }
-  return 0;
+  const float kept = row.side_count > 0 ? row.KeptLength(i) : static_cast<float>(row.length);
+  return row.weighting.kind == Weighting::Kind::kFalloff ? FalloffDepth(sigma, row.Falloff(i), kept)
+                                                         : sigma * kept;
 }
 
 /// Equation (3) for the rays of one row of the sheet, slice by slice from the viewer.
 class RowTracer {
  public:
-  RowTracer(const Grid& voxels, const Matrix4& index_to_world, const Vec3& fovea,
+  RowTracer(const Grid& voxels, const Grid* color, const Matrix4& index_to_world, const Vec3& fovea,
             const RenderSettings& settings, const ShearView& view)
       : sampler_(voxels, view),
         dims_(voxels.box.Size()),
@@ -111,15 +100,29 @@ class RowTracer {
         fovea_(fovea),
         settings_(settings),
         view_(view),
-        function_(settings.transfer) {}
+        light_(MakeLight(settings.lighting, settings.transfer, view, index_to_world)) {
+    if (color != nullptr) {
+      color_sampler_.emplace(*color, view);
+    }
+  }
 
   /// Fills `pixels` (pixels[0] is column `u0`); returns the samples taken.
   uint64_t Trace(int64_t v, int64_t u0, std::vector<Pixel>* pixels) const {
-    std::fill(pixels->begin(), pixels->end(), Pixel{});
+    const bool maximum = settings_.compositing == Compositing::kMaximum;
+    const float start = maximum ? -std::numeric_limits<float>::infinity() : 0.0F;
+    std::fill(pixels->begin(), pixels->end(), Pixel{start, 0, 0, 1});
     uint64_t samples = 0;
     const int64_t count = dims_[view_.axis_k];
     for (int64_t n = 0; n < count; ++n) {
       samples += TraceSlice(v, view_.ascending ? n : count - 1 - n, pixels->data() - u0);
+    }
+    if (maximum) {
+      for (Pixel& pixel : *pixels) {
+        const Appearance a =
+            std::isfinite(pixel.red) ? AppearanceOf(settings_.transfer, pixel.red) : Appearance{};
+        pixel = {static_cast<float>(a.opacity * a.red), static_cast<float>(a.opacity * a.green),
+                 static_cast<float>(a.opacity * a.blue), static_cast<float>(1 - a.opacity)};
+      }
     }
     return samples;
   }
@@ -133,29 +136,47 @@ class RowTracer {
     if (v < inside.v0 || v >= inside.v1) {
       return 0;
     }
-    const WeightedRow row =
-        MakeWeightedRow(view_, index_to_world_, fovea_, settings_.weighting, v, k, 1, 1);
+    const WeightedRow row = MakeWeightedRow(view_, index_to_world_, fovea_, settings_, v, k, 1, 1);
     const double floor_u = std::floor(shift.u);
     const double floor_v = std::floor(shift.v);
-    const auto whole_u = static_cast<int64_t>(floor_u);
-    const auto whole_v = static_cast<int64_t>(floor_v);
+    const int64_t tap_v = v + static_cast<int64_t>(floor_v);
     const auto fu = static_cast<float>(shift.u - floor_u);
     const auto fv = static_cast<float>(shift.v - floor_v);
     for (int64_t u = inside.u0; u < inside.u1; ++u) {
-      const float value = sampler_.At(u + whole_u, v + whole_v, k, fu, fv);
-      const Classified c = function_.At(value);
+      const Tap tap{u + static_cast<int64_t>(floor_u), tap_v, k, fu, fv};
+      if (settings_.compositing == Compositing::kMaximum) {
+        const bool counts = row.side_count == 0 || row.KeptLength(u) > 0;
+        const float value = sampler_.At(tap);
+        pixels[u].red = counts ? std::max(pixels[u].red, value) : pixels[u].red;
+        continue;
+      }
+      const Classified c = ClassifyAt(tap);
       Accumulate(c, OpticalDepth(row, c.sigma, u), &pixels[u]);
     }
     return static_cast<uint64_t>(inside.u1 - inside.u0);
   }
 
+  [[nodiscard]] Classified ClassifyAt(const Tap& tap) const {
+    Classified c = Classify(settings_.transfer, sampler_.At(tap));
+    if (color_sampler_) {
+      const float opacity = c.sigma;
+      c = Classify(settings_.color_transfer, color_sampler_->At(tap));
+      c.sigma = opacity;
+    }
+    if (settings_.lighting.enabled) {
+      Shade(light_, sampler_.GradientAt(tap), &c);
+    }
+    return c;
+  }
+
   SliceSampler sampler_;
+  std::optional<SliceSampler> color_sampler_;
   Int3 dims_;
   const Matrix4& index_to_world_;
   Vec3 fovea_;
   const RenderSettings& settings_;
   const ShearView& view_;
-  ExactFunction function_;
+  KernelLight light_;
 };
 
 /// Rows by table: colour and transmittance of a whole slab at equal steps of the value, as a plain
@@ -203,7 +224,7 @@ class TableRowTracer {
     const int64_t first = std::clamp(-whole_u, inside.u0, inside.u1);
     const int64_t last = std::clamp(size_u - 1 - whole_u, first, inside.u1);
     for (int64_t u = inside.u0; u < first; ++u) {
-      Composite(sampler_.At(u + whole_u, v + whole_v, k, fu, fv), &pixels[u]);
+      Composite(sampler_.At({u + whole_u, v + whole_v, k, fu, fv}), &pixels[u]);
     }
     const auto [near, far, stride] = sampler_.Rows(v + whole_v, k);
     for (int64_t u = first; u < last; ++u) {
@@ -213,7 +234,7 @@ class TableRowTracer {
       Composite(a + fv * (b - a), &pixels[u]);
     }
     for (int64_t u = last; u < inside.u1; ++u) {
-      Composite(sampler_.At(u + whole_u, v + whole_v, k, fu, fv), &pixels[u]);
+      Composite(sampler_.At({u + whole_u, v + whole_v, k, fu, fv}), &pixels[u]);
     }
     return static_cast<uint64_t>(inside.u1 - inside.u0);
   }
@@ -268,20 +289,23 @@ Image RenderSheet(const Tracer& tracer, const Int3& dims, const ShearView& view,
 
 StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_world,
                                 const Vec3& fovea, const RenderSettings& settings,
-                                RenderStats* stats) {
+                                RenderStats* stats, const Grid* color_voxels) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
   const Int3 dims = voxels.box.Size();
   const ShearView view =
       FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
-  return RenderSheet(RowTracer(voxels, index_to_world, fovea, settings, view), dims, view, settings,
-                     stats);
+  return RenderSheet(RowTracer(voxels, color_voxels, index_to_world, fovea, settings, view), dims,
+                     view, settings, stats);
 }
 
 StatusOr<Image> RenderPlainLoops(const Grid& voxels, const Matrix4& index_to_world,
                                  const RenderSettings& settings, RenderStats* stats) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
-  if (settings.weighting.kind != Weighting::Kind::kNone) {
-    return InvalidArgument("the plain loops know no weighting; RenderReference does");
+  if (settings.weighting.kind != Weighting::Kind::kNone || !settings.clip.IsEmpty() ||
+      settings.lighting.enabled || settings.compositing != Compositing::kEmissionAbsorption) {
+    return InvalidArgument(
+        "the plain loops know neither weighting, clipping, lighting nor maxima; the reference "
+        "does");
   }
   const Int3 dims = voxels.box.Size();
   const ShearView view =

@@ -10,6 +10,71 @@
 
 namespace fovea::render {
 
+namespace {
+
+bool IsFinite(const Vec3& p) {
+  return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+}
+
+Status Validate(const Lighting& lighting) {
+  for (const auto& [name, part] :
+       {std::pair("ambient", lighting.ambient), std::pair("diffuse", lighting.diffuse),
+        std::pair("specular", lighting.specular)}) {
+    if (!(part >= 0 && part <= 1)) {
+      return InvalidArgument("lighting.{} {} is outside its range, 0 to 1", name, part);
+    }
+  }
+  const int n = lighting.shininess;
+  if (n < 1 || n > 256 || (n & (n - 1)) != 0) {
+    return InvalidArgument("lighting.shininess {} must be a power of two from 1 to 256", n);
+  }
+  if (!IsFinite(lighting.to_light)) {
+    return InvalidArgument("lighting.to_light must be finite numbers");
+  }
+  return absl::OkStatus();
+}
+
+Status Validate(const Clip& clip) {
+  if (clip.box) {
+    const auto& [low, high] = *clip.box;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!(low[axis] < high[axis]) || !std::isfinite(high[axis] - low[axis])) {
+        return InvalidArgument(
+            "clip box: its {} runs from {} to {}; it must grow, in finite numbers", "xyz"[axis],
+            low[axis], high[axis]);
+      }
+    }
+  }
+  if (clip.planes.size() > kMostClipPlanes) {
+    return InvalidArgument("{} clip planes; there may be at most {}", clip.planes.size(),
+                           kMostClipPlanes);
+  }
+  for (const ClipPlane& plane : clip.planes) {
+    if (!IsFinite(plane.normal) || !std::isfinite(plane.offset) || !(Length(plane.normal) > 0)) {
+      return InvalidArgument(
+          "clip plane {},{},{},{}: it needs a normal of some length and finite "
+          "numbers",
+          plane.normal.x, plane.normal.y, plane.normal.z, plane.offset);
+    }
+  }
+  return absl::OkStatus();
+}
+
+Status CheckColorVolume(const SuperVoxels& volume, const SuperVoxels& color,
+                        const RenderSettings& settings) {
+  FOVEA_RETURN_IF_ERROR(Validate(settings.color_transfer));
+  for (int level = 0; level <= volume.retained.hierarchy().finest(); ++level) {
+    if (volume.retained.hierarchy() != color.retained.hierarchy() ||
+        volume.retained.box(level) != color.retained.box(level)) {
+      return InvalidArgument(
+          "the field of colours has another size or fovea than that of opacities");
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
 Status Validate(const RenderSettings& settings) {
   FOVEA_RETURN_IF_ERROR(Validate(settings.view));
   FOVEA_RETURN_IF_ERROR(Validate(settings.transfer));
@@ -21,6 +86,8 @@ Status Validate(const RenderSettings& settings) {
     return InvalidArgument("spent_transmittance {} is outside its range, 0 to 0.1",
                            settings.spent_transmittance);
   }
+  FOVEA_RETURN_IF_ERROR(Validate(settings.lighting));
+  FOVEA_RETURN_IF_ERROR(Validate(settings.clip));
   for (const auto& [name, size] :
        {std::pair("width_px", settings.width_px), std::pair("height_px", settings.height_px)}) {
     if (size < 1 || size > kMaxPicturePixels) {
@@ -31,15 +98,19 @@ Status Validate(const RenderSettings& settings) {
 }
 
 StatusOr<Image> RenderFoveated(const SuperVoxels& volume, const Matrix4& index_to_world,
-                               const RenderSettings& settings, RenderStats* stats) {
+                               const RenderSettings& settings, RenderStats* stats,
+                               const SuperVoxels* color_volume) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
+  if (color_volume != nullptr) {
+    FOVEA_RETURN_IF_ERROR(CheckColorVolume(volume, *color_volume, settings));
+  }
   RenderStats counted;
   Stopwatch watch;
   const ShearView view = FactorView(settings.view, volume.retained.hierarchy().dims(),
                                     index_to_world, settings.width_px, settings.height_px);
-  const std::vector<PyramidLevel> pyramid =
-      Combine(TraceThickRays(volume, view, index_to_world, settings, &counted.samples),
-              settings.smoothing == Smoothing::kFull, settings.threads);
+  const std::vector<PyramidLevel> pyramid = Combine(
+      TraceThickRays(volume, color_volume, view, index_to_world, settings, &counted.samples),
+      settings.smoothing == Smoothing::kFull, settings.threads);
   counted.render_ms = watch.RestartMs();
   const Rect sheet = SheetRect(volume.retained.hierarchy().dims(), view);
   Image image = settings.smoothing == Smoothing::kNone

@@ -1,7 +1,10 @@
 #ifndef ENGINE_RENDER_RENDERER_H_
 #define ENGINE_RENDER_RENDERER_H_
 
+#include <array>
 #include <cstdint>
+#include <optional>
+#include <vector>
 
 #include "engine/base/status.h"
 #include "engine/fovea/reconstruct.h"
@@ -21,6 +24,39 @@ struct Weighting {
   friend bool operator==(const Weighting&, const Weighting&) = default;
 };
 
+/// kEmissionAbsorption: Yu et al., eq. (3). kMaximum: the largest value along the ray, in the
+/// colour and with the opacity that the transfer function gives it; knows no falloff and no
+/// lighting.
+enum class Compositing { kEmissionAbsorption, kMaximum };
+
+/// Gradient shading (Blinn and Phong), on gradients of each level's own super-voxels, so that
+/// coarse ones are lit like fine ones. Both sides of a surface are lit.
+struct Lighting {
+  bool enabled = false;
+  float ambient = 0.3F, diffuse = 0.7F, specular = 0.2F;  // 0 to 1 each
+  int shininess = 16;                                     // specular exponent: 1, 2, 4 ... 256
+  /// World direction towards the light; {0, 0, 0} for a light beside the viewer.
+  Vec3 to_light;
+  friend bool operator==(const Lighting&, const Lighting&) = default;
+};
+
+/// Keeps the half-space normal . p >= offset; voxel coordinates.
+struct ClipPlane {
+  Vec3 normal;
+  double offset = 0;
+  friend bool operator==(const ClipPlane&, const ClipPlane&) = default;
+};
+inline constexpr int kMostClipPlanes = 6;
+
+/// What is shown: all that lies in the box and in every half-space. A slab that is cut counts with
+/// the part of its path inside.
+struct Clip {
+  std::optional<std::array<Vec3, 2>> box;  // lower and upper corner, voxel coordinates
+  std::vector<ClipPlane> planes;           // at most kMostClipPlanes
+  [[nodiscard]] bool IsEmpty() const { return !box && planes.empty(); }
+  friend bool operator==(const Clip&, const Clip&) = default;
+};
+
 /// kNone: the paper's staircase. kImage: its section 5, space-variant smoothing of the picture.
 /// kFull: thick rays are also split smoothly, so that the foreground of the fovea has no blocks.
 enum class Smoothing { kNone, kImage, kFull };
@@ -30,6 +66,11 @@ inline constexpr int kMaxPicturePixels = 16384;  // a side
 struct RenderSettings {
   OrthographicView view;
   TransferFunction transfer;
+  /// With a second field (RenderFoveated's `color_volume`): its colours; `transfer` gives opacity.
+  TransferFunction color_transfer;
+  Compositing compositing = Compositing::kEmissionAbsorption;
+  Lighting lighting;
+  Clip clip;
   Weighting weighting;
   Smoothing smoothing = Smoothing::kFull;
   int width_px = 512, height_px = 512;  // 1 to kMaxPicturePixels
@@ -49,21 +90,27 @@ struct RenderStats {
 
 /// The rendering phase, O(n^2 + m): thick rays through the super-voxels, combined, smoothed and
 /// warped to the picture. Depends on its arguments only, not on threads. Thread-safe.
+/// `color_volume`, if given, is a second field of the same retained set, whose values are coloured
+/// by settings.color_transfer; INVALID_ARGUMENT if it is of another.
 [[nodiscard]] StatusOr<Image> RenderFoveated(const SuperVoxels& volume,
                                              const Matrix4& index_to_world,
                                              const RenderSettings& settings,
-                                             RenderStats* stats = nullptr);
+                                             RenderStats* stats = nullptr,
+                                             const SuperVoxels* color_volume = nullptr);
 
-/// Full-resolution direct rendering (Yu et al., eq. (3), every voxel) of a whole volume, on the same
-/// sheared grid and with the same warp: what RenderFoveated is held against. The transfer function
-/// is evaluated in double. `fovea` is needed by the weightings only. Ignores `settings.smoothing`
-/// and skips nothing. Cost O(n^3). For speed at full resolution, RenderFoveated(WholeVolume(..)).
+/// Full-resolution direct rendering (Yu et al., eq. (3), every voxel) of a whole volume, on the
+/// same sheared grid and with the same warp: what RenderFoveated is held against. The transfer
+/// function is evaluated in double. `fovea` is needed by the weightings only. Ignores
+/// `settings.smoothing` and skips nothing. Cost O(n^3). For speed at full resolution,
+/// RenderFoveated(WholeVolume(..)).
 [[nodiscard]] StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_world,
                                               const Vec3& fovea, const RenderSettings& settings,
-                                              RenderStats* stats = nullptr);
+                                              RenderStats* stats = nullptr,
+                                              const Grid* color_voxels = nullptr);
 
-/// The same, as a plain renderer does it: an RGB table, no skipping, no termination, no SIMD by hand.
-/// What speed is measured against. INVALID_ARGUMENT with a weighting.
+/// The same, as a plain renderer does it: an RGB table, no skipping, no termination, no SIMD by
+/// hand. What speed is measured against. INVALID_ARGUMENT with weighting, clipping, lighting or
+/// maxima.
 [[nodiscard]] StatusOr<Image> RenderPlainLoops(const Grid& voxels, const Matrix4& index_to_world,
                                                const RenderSettings& settings,
                                                RenderStats* stats = nullptr);

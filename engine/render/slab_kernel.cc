@@ -330,18 +330,26 @@ void Maximum(const Slab& slab, std::span<const SlabRun> runs) {
   const D d;
   const Weights weights(slab);
   const auto lanes = static_cast<int64_t>(hn::Lanes(d));
+  // Where nothing of the path counts the value is as good as what was there.
+  const auto larger = [&slab](V value, V before, V scale) HWY_ATTR {
+    if (slab.length_scale != nullptr) {
+      value = hn::IfThenElse(hn::Gt(scale, hn::Zero(D())), value, before);
+    }
+    return hn::Max(value, before);
+  };
   for (const SlabRun& run : runs) {
     const float* taps = slab.taps + run.tap;
+    const float* scales = slab.length_scale != nullptr ? slab.length_scale + run.pixel : taps;
     float* most = slab.red + run.pixel;
     int64_t i = 0;
     for (; i + lanes <= run.count; i += lanes) {
       const V value = weights.At(Row{taps + i}, 0);
-      hn::StoreU(hn::Max(value, hn::LoadU(d, most + i)), d, most + i);
+      hn::StoreU(larger(value, hn::LoadU(d, most + i), hn::LoadU(d, scales + i)), d, most + i);
     }
     if (i < run.count) {
       const Lanes some(run.count - i);
       const V value = weights.At(PartialRow{taps + i, some}, 0);
-      some.Store(hn::Max(value, some.Load(most + i)), most + i);
+      some.Store(larger(value, some.Load(most + i), some.Load(scales + i)), most + i);
     }
   }
 }
@@ -356,7 +364,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace fovea::render {
 
-KernelFunction::KernelFunction(const TransferFunction& transfer) {
+KernelFunction::KernelFunction(const TransferFunction& transfer, bool by_table) {
   const auto& points = transfer.points;
   const auto channels = [](const TransferFunction::Point& p) {
     return std::array<double, 4>{p.color.red, p.color.green, p.color.blue, p.opacity};
@@ -365,7 +373,7 @@ KernelFunction::KernelFunction(const TransferFunction& transfer) {
   for (int c = 0; c < 4; ++c) {
     base[c] = static_cast<float>(first[c]);
   }
-  if (points.size() > kMostRamps + 1) {
+  if (by_table || NeedsTable(transfer)) {
     table.emplace(transfer);
     return;
   }

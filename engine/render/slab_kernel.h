@@ -23,7 +23,10 @@ struct KernelFunction {
     float start, length;
     float slope[4];  // red, green, blue, opacity
   };
-  explicit KernelFunction(const TransferFunction& transfer);
+  explicit KernelFunction(const TransferFunction& transfer, bool by_table = false);
+  [[nodiscard]] static bool NeedsTable(const TransferFunction& transfer) {
+    return transfer.points.size() > kMostRamps + 1;
+  }
 
   float base[4];
   std::vector<Ramp> ramps;
@@ -62,11 +65,13 @@ struct SlabRun {
 };
 
 /// Composites behind what the accumulators hold: Yu et al., eq. (3), slabs of opacity
-/// 1 - (1 - D alpha)^length. `color` classifies color_taps; with those null it is not used.
+/// 1 - (1 - D alpha)^length. `color` classifies color_taps, by a table if `function` does; with
+/// those null it is not used.
 void CompositeSlab(const KernelFunction& function, const KernelFunction& color,
                    const KernelLight* light, const Slab& slab, std::span<const SlabRun> runs);
 
-/// Maximum intensity: slab.red keeps the largest value met, the other accumulators are not used.
+/// Maximum intensity: slab.red keeps the largest value met, where any of the path
+/// counts; the other accumulators are not used.
 void MaximumSlab(const Slab& slab, std::span<const SlabRun> runs);
 
 /// The instruction set in use, as Highway names it: "AVX3", "AVX2", "SSE4" ...

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include "engine/base/parallel.h"
@@ -18,7 +19,7 @@ void Gathered::Clear(size_t pixels) {
 }
 
 WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world, const Vec3& fovea,
-                            const Weighting& weighting, int64_t v, int64_t k, double width,
+                            const RenderSettings& settings, int64_t v, int64_t k, double width,
                             double thickness) {
   const double z = static_cast<double>(k) + thickness / 2;
   Vec3 at;
@@ -29,11 +30,28 @@ WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world
   step[view.axis_u] = width;
   const double scale = 1 / index_to_world.SmallestSpacing();
   WeightedRow row;
-  row.weighting = weighting;
+  row.weighting = settings.weighting;
   row.first = scale * index_to_world.TransformDirection(at - fovea);
   row.step = scale * index_to_world.TransformDirection(step);
-  row.sight = view.sight;
   row.length = width * thickness * view.step_length;
+  if (settings.weighting.kind == Weighting::Kind::kChop) {
+    row.Keep({Dot(row.first, view.sight), Dot(row.step, view.sight), 1});
+  }
+  // The way of a ray through the voxels, for a path of one smallest spacing.
+  Vec3 way;
+  const double slice = (view.ascending ? 1 : -1) / view.step_length;
+  way[view.axis_u] = slice * view.slope_u;
+  way[view.axis_v] = slice * view.slope_v;
+  way[view.axis_k] = slice;
+  for (int axis = 0; settings.clip.box && axis < 3; ++axis) {
+    const auto& [low, high] = *settings.clip.box;
+    row.Keep({at[axis] - low[axis], step[axis], way[axis]});
+    row.Keep({high[axis] - at[axis], -step[axis], -way[axis]});
+  }
+  for (const ClipPlane& plane : settings.clip.planes) {
+    row.Keep(
+        {Dot(plane.normal, at) - plane.offset, Dot(plane.normal, step), Dot(plane.normal, way)});
+  }
   return row;
 }
 
@@ -64,6 +82,9 @@ class FrameTracer {
   }
 
   uint64_t TraceAll() {
+    if (frame_.settings.compositing == Compositing::kMaximum) {
+      return TraceMaxima();
+    }
     for (size_t l = 0; l < layers_.size(); ++l) {
       SpentPixels spent = l == 0 ? NoneSpent(0) : SpentInFront(l);
       Trace(LevelTracer::Side::kFront, l, &spent);
@@ -76,6 +97,44 @@ class FrameTracer {
     return samples_;
   }
 
+  /// Maxima need no order: both sides of every level, then each pixel's is the largest of its
+  /// ancestors'. Leaves take its appearance as what they have gathered; split pixels hand on
+  /// nothing.
+  uint64_t TraceMaxima() {
+    for (size_t l = 0; l < layers_.size(); ++l) {
+      Layer& layer = layers_[l];
+      for (Gathered* side : {&layer.front, &layer.back}) {
+        std::fill(side->red.begin(), side->red.end(), -std::numeric_limits<float>::infinity());
+      }
+      for (const auto side : {LevelTracer::Side::kFront, LevelTracer::Side::kBack}) {
+        SpentPixels none = NoneSpent(l);
+        Trace(side, l, &none);
+      }
+      for (int64_t v = layer.plan.rect.v0; v < layer.plan.rect.v1; ++v) {
+        for (int64_t u = layer.plan.rect.u0; u < layer.plan.rect.u1; ++u) {
+          const size_t i = layer.Index(u, v);
+          float& most = layer.front.red[i];
+          most = std::max(most, layer.back.red[i]);
+          if (l > 0 && layers_[l - 1].plan.rect.Contains(u >> 1, v >> 1)) {
+            most = std::max(most, layers_[l - 1].front.red[layers_[l - 1].Index(u >> 1, v >> 1)]);
+          }
+        }
+      }
+    }
+    for (Layer& layer : layers_) {
+      for (size_t i = 0; i < layer.split.size(); ++i) {
+        const float most = layer.front.red[i];
+        layer.back.Set(i, Pixel{});
+        const bool shows = layer.split[i] == 0 && std::isfinite(most);
+        const Appearance a = shows ? AppearanceOf(frame_.settings.transfer, most) : Appearance{};
+        layer.front.Set(
+            i, {static_cast<float>(a.opacity * a.red), static_cast<float>(a.opacity * a.green),
+                static_cast<float>(a.opacity * a.blue), static_cast<float>(1 - a.opacity)});
+      }
+    }
+    return samples_;
+  }
+
   std::vector<Layer> Take() { return std::move(layers_); }
 
  private:
@@ -83,7 +142,8 @@ class FrameTracer {
     constexpr int64_t kRowsInBand = 8;
     const Rect& rect = layers_[l].plan.rect;
     // A level whose pixels are never split may end a ray wherever it is spent.
-    const bool ends_rays = l + 1 == layers_.size() && frame_.settings.spent_transmittance > 0;
+    const bool ends_rays = l + 1 == layers_.size() && frame_.settings.spent_transmittance > 0 &&
+                           frame_.settings.compositing != Compositing::kMaximum;
     spent->any = spent->any || ends_rays;
     ParallelFor(
         rect.v0, rect.v1, kRowsInBand, frame_.settings.threads, [&](int64_t v0, int64_t v1) {
@@ -205,10 +265,10 @@ class FrameTracer {
 
 }  // namespace
 
-std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const ShearView& view,
-                                  const Matrix4& index_to_world, const RenderSettings& settings,
-                                  uint64_t* samples) {
-  const FrameInputs frame(volume, view, index_to_world, settings);
+std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const SuperVoxels* color,
+                                  const ShearView& view, const Matrix4& index_to_world,
+                                  const RenderSettings& settings, uint64_t* samples) {
+  const FrameInputs frame(volume, color, view, index_to_world, settings);
   FrameTracer tracer(frame, PlanLevels(volume.retained, view));
   const uint64_t met = tracer.TraceAll();
   if (samples != nullptr) {

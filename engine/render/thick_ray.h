@@ -48,16 +48,18 @@ struct Layer {
 
 /// Traces the thick rays of every level through the super-voxels it owns. Yu et al., section 3.1;
 /// `over` being associative, F and K stand for the forward and backward traces and need no line
-/// where they meet. `samples`, if given, counts the samples classified.
-[[nodiscard]] std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const ShearView& view,
+/// where they meet. `color`, if given, is a second field over the same retained set: its values
+/// give the colour. `samples`, if given, counts the samples met, skipped ones too.
+[[nodiscard]] std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const SuperVoxels* color,
+                                                const ShearView& view,
                                                 const Matrix4& index_to_world,
                                                 const RenderSettings& settings, uint64_t* samples);
 
-/// The weighting along row v of slice k, pixels and slices `width` voxels wide. `thickness` is the
-/// slab's, in slices: 1, or less at the far border.
+/// The weighting and clipping along row v of slice k, pixels and slices `width` voxels wide.
+/// `thickness` is the slab's, in slices: 1, or less at the far border.
 [[nodiscard]] WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world,
-                                          const Vec3& fovea, const Weighting& weighting, int64_t v,
-                                          int64_t k, double width, double thickness);
+                                          const Vec3& fovea, const RenderSettings& settings,
+                                          int64_t v, int64_t k, double width, double thickness);
 
 }  // namespace fovea::render
 

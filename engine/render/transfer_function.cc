@@ -168,6 +168,21 @@ Sample Evaluate(const std::vector<TransferFunction::Point>& points, double value
 
 }  // namespace
 
+Appearance AppearanceOf(const TransferFunction& transfer, double value) {
+  const auto& points = transfer.points;
+  const double v = std::isnan(value) ? points.front().value : value;
+  const auto above =
+      std::lower_bound(points.begin(), points.end(), v,
+                       [](const TransferFunction::Point& p, double x) { return p.value < x; });
+  const TransferFunction::Point& b = above == points.end() ? points.back() : *above;
+  const TransferFunction::Point& a =
+      above == points.begin() || above == points.end() ? b : *(above - 1);
+  const double f = b.value > a.value ? (v - a.value) / (b.value - a.value) : 0.0;
+  const auto mix = [f](float p, float q) { return p + f * (static_cast<double>(q) - p); };
+  return {mix(a.color.red, b.color.red), mix(a.color.green, b.color.green),
+          mix(a.color.blue, b.color.blue), mix(a.opacity, b.opacity)};
+}
+
 TransferTable::TransferTable(const TransferFunction& transfer) : entries_(kEntries) {
   const auto& points = transfer.points;
   double low = points.front().value;

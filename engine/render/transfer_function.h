@@ -36,6 +36,14 @@ struct TransferFunction {
 /// The 'V:R,G,B:A;...' form; parsing it gives the same function back, bit for bit.
 [[nodiscard]] std::string FormatTransferFunction(const TransferFunction& transfer);
 
+/// What a value looks like, in double; at a step, the side towards smaller values. NaN is as the
+/// first point.
+struct Appearance {
+  double red = 0, green = 0, blue = 0;
+  double opacity = 0;  // per voxel length
+};
+[[nodiscard]] Appearance AppearanceOf(const TransferFunction& transfer, double value);
+
 /// The function as the kernels read it: extinction sigma = -ln(1 - opacity) per voxel length, and
 /// colour, at equal steps of the value, each entry with its slope. Every level uses the same table
 /// (a slab of thickness w has opacity 1 - exp(-sigma w d)), so thick and thin rays agree to

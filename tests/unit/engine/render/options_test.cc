@@ -1,0 +1,255 @@
+// Lighting, maxima, clipping and a second field: against the reference when everything is kept, and
+// against what must come out by analysis.
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <random>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "engine/fovea/coefficient_source.h"
+#include "engine/fovea/reconstruct.h"
+#include "engine/render/renderer.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/volumes.h"
+
+namespace fovea::render {
+namespace {
+
+using testing::FailsWith;
+using testing::MakeCoefficients;
+using testing::MakeGrid;
+using testing::MakeWavyGrid;
+
+TransferFunction Colorful() {
+  return {{{0.1, {0.1F, 0.2F, 0.9F}, 0.0F},
+           {0.4, {0.9F, 0.5F, 0.1F}, 0.04F},
+           {0.7, {0.2F, 0.9F, 0.3F}, 0.1F},
+           {1.0, {1.0F, 1.0F, 1.0F}, 0.3F}}};
+}
+
+SuperVoxels MakeSuperVoxels(const Grid& volume, const Fovea& fovea) {
+  const CoefficientSet set = MakeCoefficients(volume);
+  MemorySource source(set);
+  return Reconstruct(source, RetainedSet::Make(set.hierarchy, fovea).value(), 1).value();
+}
+
+double LargestDifference(const Image& a, const Image& b) {
+  EXPECT_EQ(a.rgba.size(), b.rgba.size());
+  double largest = 0;
+  for (size_t i = 0; i < a.rgba.size(); ++i) {
+    largest = std::max(largest, static_cast<double>(std::abs(a.rgba[i] - b.rgba[i])));
+  }
+  return largest;
+}
+
+Matrix4 Oblique() {
+  Matrix4 matrix;
+  matrix.m = {0.8, -0.45, 0.1, 3, 0.6, 0.6, 0.2, -7, 0.05, 0.1, 1.3, 11, 0, 0, 0, 1};
+  return matrix;
+}
+
+struct Option {
+  std::string name;
+  std::function<void(RenderSettings*)> set;
+  bool second_field = false;
+};
+
+std::vector<Option> Options() {
+  return {
+      {"lighting", [](RenderSettings* s) { s->lighting.enabled = true; }},
+      {"lighting from the side",
+       [](RenderSettings* s) {
+         s->lighting = {true, 0.1F, 0.5F, 0.6F, 4, {1, -2, 0.5}};
+       }},
+      {"maximum", [](RenderSettings* s) { s->compositing = Compositing::kMaximum; }},
+      {"maximum, clipped",
+       [](RenderSettings* s) {
+         s->compositing = Compositing::kMaximum;
+         s->clip.planes = {{{1, 1, 0.5}, 50}};
+       }},
+      {"clip box",
+       [](RenderSettings* s) {
+         s->clip.box = {{Vec3{5.3, 7, -10}, Vec3{30, 33.3, 40.7}}};
+       }},
+      {"clip planes with falloff",
+       [](RenderSettings* s) {
+         s->clip.planes = {{{1, 0.4, -0.2}, 15}, {{0, 0, -2}, -70}};
+         s->weighting = {Weighting::Kind::kFalloff, 0.05};
+       }},
+      {"chop and clip plane",
+       [](RenderSettings* s) {
+         s->clip.planes = {{{-1, 0, 1}, -5}};
+         s->weighting.kind = Weighting::Kind::kChop;
+       }},
+      {"second field",
+       [](RenderSettings* s) {
+         s->color_transfer = {{{-1, {1, 0, 0}, 0}, {0, {0, 1, 0}, 0}, {1, {0, 0, 1}, 0}}};
+       },
+       true},
+      {"second field from a table, lit",
+       [](RenderSettings* s) {
+         for (int i = 0; i < 40; ++i) {
+           const float f = static_cast<float>(i) / 39;
+           s->color_transfer.points.push_back({2 * f - 1, {f, 1 - f, f * f}, 0});
+         }
+         s->lighting.enabled = true;
+       },
+       true},
+  };
+}
+
+TEST(RenderOptionsTest, EverythingKeptEqualsFullResolution) {
+  const Grid volume = MakeWavyGrid({45, 37, 51});
+  const Grid second = MakeGrid({45, 37, 51}, [](double x, double y, double z) {
+    return std::sin(0.2 * x) * std::cos(0.15 * y + 0.1 * z);
+  });
+  const Fovea all{{20, 20, 20}, 51};
+  const SuperVoxels everything = MakeSuperVoxels(volume, all);
+  const SuperVoxels second_everything = MakeSuperVoxels(second, all);
+  std::mt19937 random(5);
+  for (const Option& option : Options()) {
+    for (int trial = 0; trial < 6; ++trial) {
+      RenderSettings settings;
+      settings.view.azimuth_deg = std::uniform_real_distribution<>(-180, 180)(random);
+      settings.view.elevation_deg = std::uniform_real_distribution<>(-90, 90)(random);
+      settings.view.span_voxels = 80;
+      settings.transfer = Colorful();
+      settings.width_px = settings.height_px = 70;
+      settings.spent_transmittance = 0;
+      settings.smoothing = static_cast<Smoothing>(trial % 3);
+      option.set(&settings);
+      const Matrix4 matrix = trial % 2 == 0 ? Matrix4{} : Oblique();
+      ASSERT_OK_AND_ASSIGN(const Image expected,
+                           RenderReference(volume, matrix, all.at, settings, nullptr,
+                                           option.second_field ? &second : nullptr));
+      ASSERT_OK_AND_ASSIGN(const Image image,
+                           RenderFoveated(everything, matrix, settings, nullptr,
+                                          option.second_field ? &second_everything : nullptr));
+      // A table is as exact as its steps.
+      const double tolerance = settings.color_transfer.points.size() > 30 ? 2e-3 : 2e-5;
+      EXPECT_LT(LargestDifference(image, expected), tolerance) << option.name << " trial " << trial;
+      EXPECT_GT(*std::max_element(image.rgba.begin(), image.rgba.end()), 0.2) << option.name;
+    }
+  }
+}
+
+/// What remains of a uniform volume in a box is the path through the box.
+TEST(RenderOptionsTest, AClipBoxLeavesThePathThroughIt) {
+  const SuperVoxels volume =
+      MakeSuperVoxels(Grid(Box3::OfSize({64, 64, 64}), 1.0F), {{20, 30, 40}, 9});
+  RenderSettings settings;
+  settings.transfer = {{{1, {1, 1, 1}, 0.03F}}};
+  settings.clip.box = {{Vec3{10.25, 20, 20}, Vec3{43.5, 50, 50}}};
+  settings.view = {0, 0, Vec3{32, 35, 35}, 8.0};  // along x, well inside the box
+  settings.width_px = settings.height_px = 20;
+  ASSERT_OK_AND_ASSIGN(const Image along, RenderFoveated(volume, Matrix4{}, settings));
+  for (size_t i = 3; i < along.rgba.size(); i += 4) {
+    ASSERT_NEAR(along.rgba[i], 1 - std::pow(0.97, 33.25), 1e-4);
+  }
+  settings.view = {30, 0, Vec3{27, 35, 35}, 2.0};  // at 30 degrees, in and out by the x faces
+  settings.width_px = settings.height_px = 3;
+  ASSERT_OK_AND_ASSIGN(const Image oblique, RenderFoveated(volume, Matrix4{}, settings));
+  EXPECT_NEAR(oblique.rgba[4 * 4 + 3], 1 - std::pow(0.97, 33.25 / std::cos(30 * 3.14159265 / 180)),
+              1e-4);
+}
+
+/// Along an axis, unsmoothed, the maximum is that of the foveated volume's columns.
+TEST(RenderOptionsTest, MaximumIsThatOfTheFoveatedVolume) {
+  const Int3 dims{40, 48, 64};
+  const CoefficientSet set = MakeCoefficients(MakeWavyGrid(dims));
+  MemorySource source(set);
+  const RetainedSet retained = RetainedSet::Make(set.hierarchy, {{15, 20, 30}, 7}).value();
+  const Grid foveated = ExtractVoxels(source, Box3::OfSize(dims), &retained).value();
+  RenderSettings settings;
+  settings.compositing = Compositing::kMaximum;
+  settings.smoothing = Smoothing::kNone;
+  settings.transfer = {{{0, {1, 1, 1}, 0.0F}, {1, {1, 1, 1}, 1.0F}}};  // cover = value
+  settings.view = {0, 90, {}, 48.0};                                   // along z, +y up
+  settings.width_px = 40;
+  settings.height_px = 48;
+  ASSERT_OK_AND_ASSIGN(const Image image, RenderFoveated(Reconstruct(source, retained, 1).value(),
+                                                         Matrix4{}, settings));
+  for (int64_t j = 0; j < 48; ++j) {
+    for (int64_t i = 0; i < 40; ++i) {
+      // Looking along +z with +y up, x grows to the left.
+      float most = -1;
+      for (int64_t z = 0; z < 64; ++z) {
+        most = std::max(most, foveated.At(39 - i, 47 - j, z));
+      }
+      ASSERT_NEAR(image.rgba[static_cast<size_t>(4 * (j * 40 + i) + 3)], most, 1e-5)
+          << i << "," << j;
+    }
+  }
+}
+
+TEST(RenderOptionsTest, LightFromTheViewerShadesABall) {
+  const Grid ball = MakeGrid({64, 64, 64}, [](double x, double y, double z) {
+    const double r = Length(Vec3{x, y, z} - Vec3{32, 32, 32});
+    return std::clamp((24 - r) / 4 + 0.5, 0.0, 1.0);
+  });
+  RenderSettings settings;
+  settings.transfer = {{{0, {0.5F, 0.5F, 0.5F}, 0}, {1, {0.5F, 0.5F, 0.5F}, 0.9F}}};
+  settings.view.span_voxels = 64;
+  settings.width_px = settings.height_px = 64;
+  settings.lighting = {true, 0.1F, 0.9F, 0.0F, 16, {}};
+  for (const double rate : {64.0, 16.0}) {  // fine and coarse super-voxels are lit alike
+    ASSERT_OK_AND_ASSIGN(
+        const Image image,
+        RenderFoveated(MakeSuperVoxels(ball, {{32, 32, 32}, rate}), Matrix4{}, settings));
+    const auto red = [&](int i, int j) {
+      return image.rgba[static_cast<size_t>(4 * (64 * j + i))];
+    };
+    EXPECT_GT(red(32, 32), 0.40) << "rate " << rate;                // faces the light
+    EXPECT_LT(red(53, 32), 0.62 * red(32, 32)) << "rate " << rate;  // turned away by 60 degrees
+    EXPECT_NEAR(red(53, 32), red(10, 32), 0.04) << "rate " << rate;
+    EXPECT_NEAR(red(32, 53), red(32, 10), 0.04) << "rate " << rate;
+  }
+}
+
+TEST(RenderOptionsTest, FullAmbientLightChangesNothing) {
+  const SuperVoxels volume = MakeSuperVoxels(MakeWavyGrid({40, 40, 40}), {{10, 20, 20}, 8});
+  RenderSettings settings;
+  settings.transfer = Colorful();
+  settings.view = {20, 30, {}, {}};
+  ASSERT_OK_AND_ASSIGN(const Image plain, RenderFoveated(volume, Matrix4{}, settings));
+  settings.lighting = {true, 1, 0, 0, 1, {}};
+  ASSERT_OK_AND_ASSIGN(const Image lit, RenderFoveated(volume, Matrix4{}, settings));
+  EXPECT_LT(LargestDifference(plain, lit), 1e-6);
+}
+
+TEST(RenderOptionsTest, BadOptionsAreNamed) {
+  const SuperVoxels volume = MakeSuperVoxels(MakeWavyGrid({20, 20, 20}), {{10, 10, 10}, 8});
+  const auto failure = [&](const std::function<void(RenderSettings*)>& set) {
+    RenderSettings settings;
+    settings.transfer = Colorful();
+    set(&settings);
+    return RenderFoveated(volume, Matrix4{}, settings).status();
+  };
+  const float nan = std::nanf("");
+  EXPECT_THAT(failure([&](auto* s) { s->lighting.diffuse = nan; }),
+              FailsWith(absl::StatusCode::kInvalidArgument, "lighting.diffuse"));
+  EXPECT_THAT(failure([](auto* s) { s->lighting.shininess = 3; }),
+              FailsWith(absl::StatusCode::kInvalidArgument, "power of two"));
+  EXPECT_THAT(failure([](auto* s) {
+                s->clip.box = {{Vec3{5, 5, 5}, Vec3{4, 9, 9}}};
+              }),
+              FailsWith(absl::StatusCode::kInvalidArgument, "its x runs from 5 to 4"));
+  EXPECT_THAT(failure([](auto* s) { s->clip.planes.resize(7); }),
+              FailsWith(absl::StatusCode::kInvalidArgument, "at most 6"));
+  EXPECT_THAT(failure([](auto* s) {
+                s->clip.planes = {{{0, 0, 0}, 1}};
+              }),
+              FailsWith(absl::StatusCode::kInvalidArgument, "normal"));
+  RenderSettings settings;
+  settings.transfer = settings.color_transfer = Colorful();
+  const SuperVoxels other = MakeSuperVoxels(MakeWavyGrid({20, 20, 20}), {{9, 10, 10}, 5});
+  EXPECT_THAT(RenderFoveated(volume, Matrix4{}, settings, nullptr, &other).status(),
+              FailsWith(absl::StatusCode::kInvalidArgument, "another size or fovea"));
+}
+
+}  // namespace
+}  // namespace fovea::render
