@@ -71,6 +71,7 @@ StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& 
     watch.RestartMs();
     FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
     times.read_ms += watch.RestartMs();
+    retained.Weigh(level, window, detail);
     Grid child(retained.box(level + 1).Grown(kApron));
     wavelet::InverseHaarLevel(result.levels[level], window, detail, hierarchy.DimsAt(level + 1),
                               threads, &child);
@@ -118,6 +119,9 @@ StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,
     detail.resize(static_cast<size_t>(7 * window.Volume()));
     if (!window.IsEmpty()) {
       FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
+    }
+    if (retained != nullptr) {
+      retained->Weigh(level, window, detail);
     }
     Grid child(boxes[level + 1]);
     wavelet::InverseHaarLevel(grid, window, detail, hierarchy.DimsAt(level + 1), 0, &child);

@@ -62,8 +62,9 @@ struct ExtractCommand {
   int64_t step = 0;
   std::optional<std::string> field;
   std::optional<Box3> box;
-  std::optional<frames::Position> fovea;  // with or without rate: the foveated volume
-  std::optional<double> rate;
+  std::optional<frames::Position> fovea;  // any of these three: the foveated volume
+  std::optional<Rate> rate;
+  std::optional<WindowShape> window;
   std::string file;
 };
 

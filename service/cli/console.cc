@@ -71,10 +71,11 @@ void PrintError(std::string_view message) {
 }
 
 std::string WithFlag(const Status& error) {
-  constexpr std::array<std::array<std::string_view, 2>, 18> kFlags = {{
+  constexpr std::array<std::array<std::string_view, 2>, 19> kFlags = {{
       {"field", "--field"},
       {"fovea", "--fovea"},
       {"rate", "--rate"},
+      {"window", "--window"},
       {"azimuth_deg", "--view"},
       {"elevation_deg", "--view"},
       {"center", "--center"},

@@ -30,21 +30,21 @@ StatusOr<Box3> BoxOf(const ExtractCommand& command, const Int3& dims) {
   return command.box.value_or(whole);
 }
 
-/// The retained set that --fovea and --rate ask for; nothing if neither was given.
+/// The retained set that --fovea, --rate and --window ask for; nothing if none was given.
 StatusOr<std::optional<RetainedSet>> RetainedOf(const ExtractCommand& command,
                                                 store::Dataset& dataset) {
-  if (!command.fovea && !command.rate) {
+  if (!command.fovea && !command.rate && !command.window) {
     return std::optional<RetainedSet>();
   }
   frames::FrameSpec spec;
   spec.field = command.field;
   spec.fovea = command.fovea;
   spec.rate = command.rate;
+  spec.window = command.window;
   FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, frames::DefaultSpec(dataset));
   FOVEA_ASSIGN_OR_RETURN(spec, frames::ResolveSpec(dataset, spec, defaults));
-  FOVEA_ASSIGN_OR_RETURN(
-      RetainedSet retained,
-      RetainedSet::Make(dataset.info().hierarchy, Fovea{spec.fovea->at, *spec.rate}));
+  FOVEA_ASSIGN_OR_RETURN(RetainedSet retained,
+                         RetainedSet::Make(dataset.info().hierarchy, frames::FoveaOf(spec)));
   return std::optional<RetainedSet>(std::move(retained));
 }
 

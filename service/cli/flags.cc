@@ -88,13 +88,19 @@ void AddFieldFlag(CLI::App* app, std::optional<std::string>* field) {
       ->group(kPictureGroup);
 }
 
-void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea,
-                   std::optional<double>* rate) {
+void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea, std::optional<Rate>* rate,
+                   std::optional<WindowShape>* window) {
   AddParsed(app, "--fovea", "X,Y,Z[w]", ParsePosition, Into(fovea),
             "Where the detail is kept: voxels, or world units with a trailing w")
       ->group(kPictureGroup);
-  AddParsed(app, "--rate", "R", ParseNumber, Into(rate),
-            "How wide the kept window is in every sub-band, 1 to 65536 coefficients")
+  AddParsed(
+      app, "--rate", "R or RX,RY,RZ", ParseRate, Into(rate),
+      "How wide the kept window is in every sub-band, 1 to 65536 coefficients; three numbers: "
+      "along each axis")
+      ->group(kPictureGroup);
+  AddParsed(app, "--window", "SHAPE", ParseWindow, Into(window),
+            "What is kept of it: cube (all), sphere (the ball as wide), or smooth (all, weighted "
+            "down towards the border)")
       ->group(kPictureGroup);
 }
 
@@ -105,7 +111,7 @@ void AddStepsFlag(CLI::App* app, StepRange* steps) {
 
 void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec) {
   AddFieldFlag(app, &spec->field);
-  AddFoveaFlags(app, &spec->fovea, &spec->rate);
+  AddFoveaFlags(app, &spec->fovea, &spec->rate, &spec->window);
   AddView(app, &spec->view);
   AddParsed(
       app, "--size", "WxH", ParseSize,

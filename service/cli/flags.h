@@ -17,8 +17,8 @@ void AddOutputFlags(CLI::App* app, OutputOptions* output);
 void AddThreadsFlag(CLI::App* app, int* threads);
 void AddServerFlag(CLI::App* app, std::optional<std::string>* server);
 void AddFieldFlag(CLI::App* app, std::optional<std::string>* field);
-void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea,
-                   std::optional<double>* rate);
+void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea, std::optional<Rate>* rate,
+                   std::optional<WindowShape>* window);
 void AddStepsFlag(CLI::App* app, StepRange* steps);
 /// --view, --span, --center, --size, --transfer and everything else a picture is made of.
 void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec);

@@ -120,7 +120,7 @@ void AddExtract(CLI::App* app, ExtractCommand* command) {
   verb->add_option_function<std::string>("--box", on_box,
                                          "Only these voxels; X1,Y1,Z1 are not included")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1");
-  AddFoveaFlags(verb, &command->fovea, &command->rate);
+  AddFoveaFlags(verb, &command->fovea, &command->rate, &command->window);
   verb->add_option("-o,--output", command->file, "The file to write: .npy or .raw")
       ->required()
       ->type_name("FILE");
@@ -260,6 +260,7 @@ Status Check(ExtractCommand* command) {
   frames::FrameSpec spec;
   spec.fovea = command->fovea;
   spec.rate = command->rate;
+  spec.window = command->window;
   return frames::ValidateSpec(spec);
 }
 

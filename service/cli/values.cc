@@ -73,6 +73,26 @@ StatusOr<frames::Position> ParsePosition(std::string_view text) {
   return frames::Position{{at[0], at[1], at[2]}, world};
 }
 
+StatusOr<Rate> ParseRate(std::string_view text) {
+  if (const std::optional<double> all = Number<double>(Trimmed(text))) {
+    return Rate(*all);
+  }
+  std::array<double, 3> along{};
+  if (!ReadList<double>(text, ',', along)) {
+    return InvalidArgument("'{}' is not a number, nor RX,RY,RZ", text);
+  }
+  return Rate(along[0], along[1], along[2]);
+}
+
+StatusOr<WindowShape> ParseWindow(std::string_view text) {
+  for (const auto window : {WindowShape::kCube, WindowShape::kSphere, WindowShape::kSmooth}) {
+    if (text == WindowName(window)) {
+      return window;
+    }
+  }
+  return InvalidArgument("'{}' is not cube, sphere or smooth", text);
+}
+
 StatusOr<std::pair<double, double>> ParseView(std::string_view text) {
   std::array<double, 2> angles{};
   if (!ReadList<double>(text, ',', angles)) {
@@ -214,6 +234,18 @@ std::string FormatWeighting(const render::Weighting& weighting) {
   return fmt::format("falloff:{}", weighting.falloff_per_voxel);
 }
 
+const char* WindowName(WindowShape window) {
+  switch (window) {
+    case WindowShape::kCube:
+      return "cube";
+    case WindowShape::kSphere:
+      return "sphere";
+    case WindowShape::kSmooth:
+      break;
+  }
+  return "smooth";
+}
+
 const char* SmoothingName(render::Smoothing smoothing) {
   switch (smoothing) {
     case render::Smoothing::kNone:
@@ -243,11 +275,14 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
   std::string flags = fmt::format(
       "--field {} --fovea {} --rate {} --view {},{} --span {} --size {}x{} --transfer {} "
       "--weighting {} --smoothing {}",
-      ShellQuote(*resolved.field), FormatPosition(*resolved.fovea), *resolved.rate,
+      ShellQuote(*resolved.field), FormatPosition(*resolved.fovea), FormatRate(*resolved.rate),
       *resolved.view.azimuth_deg, *resolved.view.elevation_deg, *resolved.view.span_voxels,
       *resolved.width_px, *resolved.height_px,
       ShellQuote(render::FormatTransferFunction(*resolved.transfer)),
       FormatWeighting(*resolved.weighting), SmoothingName(*resolved.smoothing));
+  if (resolved.window.value_or(WindowShape::kCube) != WindowShape::kCube) {
+    flags += fmt::format(" --window {}", WindowName(*resolved.window));
+  }
   const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
                     static_cast<double>(dims.z) / 2};
   if (resolved.view.center->at != middle) {

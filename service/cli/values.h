@@ -32,6 +32,10 @@ struct Shard {
 [[nodiscard]] StatusOr<double> ParseNumber(std::string_view text);
 /// 'X,Y,Z' in voxels, 'X,Y,Zw' in world units.
 [[nodiscard]] StatusOr<frames::Position> ParsePosition(std::string_view text);
+/// 'R', or 'RX,RY,RZ'.
+[[nodiscard]] StatusOr<Rate> ParseRate(std::string_view text);
+/// 'cube', 'sphere' or 'smooth'.
+[[nodiscard]] StatusOr<WindowShape> ParseWindow(std::string_view text);
 /// 'AZ,EL' in degrees.
 [[nodiscard]] StatusOr<std::pair<double, double>> ParseView(std::string_view text);
 /// 'WxH' in pixels.
@@ -52,6 +56,7 @@ struct Shard {
 
 [[nodiscard]] std::string FormatPosition(const frames::Position& position);
 [[nodiscard]] std::string FormatWeighting(const render::Weighting& weighting);
+[[nodiscard]] const char* WindowName(WindowShape window);
 [[nodiscard]] const char* SmoothingName(render::Smoothing smoothing);
 
 /// The text as one word of a POSIX shell.

@@ -118,7 +118,7 @@ Status CheckPlanned(const Hierarchy& hierarchy, const std::vector<PlannedFrame>&
   for (const PlannedFrame& frame : planned) {
     Status status = frames::ValidateSpec(frame.spec);
     if (status.ok()) {
-      status = RetainedSet::Make(hierarchy, Fovea{frame.spec.fovea->at, *frame.spec.rate}).status();
+      status = RetainedSet::Make(hierarchy, frames::FoveaOf(frame.spec)).status();
     }
     if (!status.ok()) {
       return Annotate(status, fmt::format("frame {} of the animation", frame.index));

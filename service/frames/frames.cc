@@ -36,7 +36,8 @@ Status CheckMemory(const RetainedSet& retained, const FrameSpec& resolved) {
     return ResourceExhausted(
         "rate {} and a picture of {}x{} need about {:.1f} GB of memory, this machine has {:.1f}; "
         "ask for a lower rate or a smaller picture",
-        *resolved.rate, *resolved.width_px, *resolved.height_px, need / 1e9, have / 1e9);
+        FormatRate(*resolved.rate), *resolved.width_px, *resolved.height_px, need / 1e9,
+        have / 1e9);
   }
   return absl::OkStatus();
 }
@@ -70,9 +71,8 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
       const auto source,
       dataset.OpenStep(step, *resolved.field,
                        resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
-  FOVEA_ASSIGN_OR_RETURN(
-      const RetainedSet retained,
-      RetainedSet::Make(info.hierarchy, Fovea{resolved.fovea->at, *resolved.rate}));
+  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
+                         RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
   FOVEA_RETURN_IF_ERROR(CheckMemory(retained, resolved));
 
   ReconstructStats reconstruct_stats;

@@ -75,6 +75,7 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
                *view.span_voxels};
   spec.fovea = Position{fovea};
   spec.rate = render::DefaultRate(info.hierarchy);
+  spec.window = WindowShape::kCube;
   spec.transfer = render::DefaultTransferFunction(sampled.stats, info.hierarchy);
   spec.weighting = render::Weighting{};
   spec.smoothing = render::Smoothing::kFull;
@@ -153,6 +154,7 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   TakeDefault(&resolved.view.span_voxels, fallback.view.span_voxels);
   TakeDefault(&resolved.fovea, fallback.fovea);
   TakeDefault(&resolved.rate, fallback.rate);
+  TakeDefault(&resolved.window, fallback.window);
   TakeDefault(&resolved.transfer, fallback.transfer);
   TakeDefault(&resolved.weighting, fallback.weighting);
   TakeDefault(&resolved.smoothing, fallback.smoothing);

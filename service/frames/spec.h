@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/fovea/retained_set.h"
 #include "engine/render/renderer.h"
 #include "engine/render/transfer_function.h"
 #include "engine/volume/geometry.h"
@@ -33,18 +34,24 @@ struct FrameSpec {
   std::optional<std::string> field;
   ViewSpec view;
   std::optional<Position> fovea;
-  std::optional<double> rate;
+  std::optional<Rate> rate;
+  std::optional<WindowShape> window;
   std::optional<render::TransferFunction> transfer;
   std::optional<render::Weighting> weighting;
   std::optional<render::Smoothing> smoothing;
-  std::optional<int64_t> width_px, height_px;   // 1 to 16384; default 512
+  std::optional<int64_t> width_px, height_px;  // 1 to 16384; default 512
   Encoding encoding = Encoding::kPng;
-  std::optional<int64_t> jpeg_quality;          // 1 to 100; default 90
-  std::optional<render::Color> background;      // PNG, JPEG, RAW_RGBA8; default black
-  bool fovea_marker = false;                    // the paper's red dot; not in RAW_RGBA_F32
-  bool strict = false;                          // a damaged chunk is DATA_LOSS, not a warning
+  std::optional<int64_t> jpeg_quality;      // 1 to 100; default 90
+  std::optional<render::Color> background;  // PNG, JPEG, RAW_RGBA8; default black
+  bool fovea_marker = false;                // the paper's red dot; not in RAW_RGBA_F32
+  bool strict = false;                      // a damaged chunk is DATA_LOSS, not a warning
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
 };
+
+/// The fovea of a spec with nothing left to default, its position in voxels.
+[[nodiscard]] inline Fovea FoveaOf(const FrameSpec& resolved) {
+  return {resolved.fovea->at, *resolved.rate, resolved.window.value_or(WindowShape::kCube)};
+}
 
 struct FrameStats {
   uint64_t coefficients = 0;  // m
@@ -63,12 +70,12 @@ struct Frame {
   int64_t step = 0;
   int64_t time_ns = 0;
   std::optional<int64_t> frame_number;
-  FrameSpec used;             // nothing left to default: rendered again, it gives the same bytes
+  FrameSpec used;  // nothing left to default: rendered again, it gives the same bytes
   int width_px = 0, height_px = 0;
   Encoding encoding = Encoding::kPng;
-  std::string pixels;         // RAW: top row first, R G B A, no padding; F32 little-endian
+  std::string pixels;  // RAW: top row first, R G B A, no padding; F32 little-endian
   FrameStats stats;
-  uint64_t index = 0;         // within a sequence, from 0
+  uint64_t index = 0;  // within a sequence, from 0
   std::vector<Warning> warnings;
 };
 

@@ -77,6 +77,18 @@ const char* SmoothingToJson(render::Smoothing smoothing) {
   return "SMOOTHING_FULL";
 }
 
+const char* WindowToJson(WindowShape window) {
+  switch (window) {
+    case WindowShape::kCube:
+      return "WINDOW_CUBE";
+    case WindowShape::kSphere:
+      return "WINDOW_SPHERE";
+    case WindowShape::kSmooth:
+      break;
+  }
+  return "WINDOW_SMOOTH";
+}
+
 json StatsToJson(const FrameStats& stats) {
   return {{"coefficients", stats.coefficients}, {"chunks_read", stats.chunks_read},
           {"chunks_total", stats.chunks_total}, {"bytes_read", stats.bytes_read},
@@ -100,7 +112,14 @@ json SpecToJson(const FrameSpec& spec) {
     result["fovea"] = PositionToJson(*spec.fovea);
   }
   if (spec.rate) {
-    result["rate"] = *spec.rate;
+    if (spec.rate->IsIsotropic()) {
+      result["rate"] = spec.rate->x;
+    } else {
+      result["rate_xyz"] = {{"x", spec.rate->x}, {"y", spec.rate->y}, {"z", spec.rate->z}};
+    }
+  }
+  if (spec.window) {
+    result["window"] = WindowToJson(*spec.window);
   }
   if (spec.transfer) {
     result["transfer_function"] = TransferToJson(*spec.transfer);

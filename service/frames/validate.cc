@@ -22,6 +22,16 @@ Status CheckFinite(const char* field, const std::optional<double>& value) {
   return absl::OkStatus();
 }
 
+Status CheckRate(const std::optional<Rate>& rate) {
+  for (int axis = 0; rate && axis < 3; ++axis) {
+    if (!((*rate)[axis] >= 1 && (*rate)[axis] <= kMaxDimension)) {
+      return InvalidArgument("rate {} is outside its range, 1 to {}{}", FormatRate(*rate),
+                             kMaxDimension, rate->IsIsotropic() ? "" : " along each axis");
+    }
+  }
+  return absl::OkStatus();
+}
+
 Status CheckPosition(const char* field, const std::optional<Position>& position) {
   if (!position) {
     return absl::OkStatus();
@@ -49,7 +59,7 @@ Status ValidateSpec(const FrameSpec& spec) {
   constexpr int64_t kMaxSide = render::kMaxPicturePixels;
   FOVEA_RETURN_IF_ERROR(CheckView(spec.view));
   FOVEA_RETURN_IF_ERROR(CheckPosition("fovea", spec.fovea));
-  FOVEA_RETURN_IF_ERROR(CheckRange("rate", spec.rate, 1.0, 65536.0));
+  FOVEA_RETURN_IF_ERROR(CheckRate(spec.rate));
   FOVEA_RETURN_IF_ERROR(CheckRange("width_px", spec.width_px, int64_t{1}, kMaxSide));
   FOVEA_RETURN_IF_ERROR(CheckRange("height_px", spec.height_px, int64_t{1}, kMaxSide));
   FOVEA_RETURN_IF_ERROR(CheckRange("jpeg_quality", spec.jpeg_quality, int64_t{1}, int64_t{100}));

@@ -13,24 +13,24 @@ namespace fovea::server {
 namespace {
 
 /// Memory per pixel while a frame is made: the picture as floats, its sheared and smoothed forms,
-/// and its bytes. Per coefficient: the coefficients and the super-voxels made of them.
+/// and its bytes. Per super-voxel: itself, and the coefficients it is made of.
 constexpr int64_t kBytesPerPixel = 64;
-constexpr int64_t kBytesPerCoefficient = 12;
+constexpr int64_t kBytesPerSuperVoxel = 12;
 /// No compressed picture is larger than this per pixel.
 constexpr int64_t kCompressedBytesPerPixel = 4;
 /// Spec, statistics, bookkeeping.
 constexpr int64_t kReplyOverheadBytes = int64_t{256} << 10;
 
-Status CheckCost(int64_t pixels, int64_t coefficients, const frames::FrameSpec& spec) {
+Status CheckCost(int64_t pixels, int64_t super_voxels, const frames::FrameSpec& spec) {
   if (pixels > kMaxPixelsPerFrame) {
     return ResourceExhausted(
         "width_px {} x height_px {} is {} pixels; this server's limit is {} a frame",
         *spec.width_px, *spec.height_px, pixels, kMaxPixelsPerFrame);
   }
-  if (coefficients > kMaxCoefficientsPerFrame) {
+  if (super_voxels > kMaxSuperVoxelsPerFrame) {
     return ResourceExhausted(
-        "rate {} keeps {} coefficients; this server's limit is {} a frame; ask for a smaller rate",
-        *spec.rate, coefficients, kMaxCoefficientsPerFrame);
+        "rate {} makes {} super-voxels; this server's limit is {} a frame; ask for a smaller rate",
+        FormatRate(*spec.rate), super_voxels, kMaxSuperVoxelsPerFrame);
   }
   return absl::OkStatus();
 }
@@ -49,13 +49,12 @@ StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset
   FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(resolved.status(), "spec"));
   job.spec = *std::move(resolved);
 
-  const auto retained =
-      RetainedSet::Make(info.hierarchy, Fovea{job.spec.fovea->at, *job.spec.rate});
+  const auto retained = RetainedSet::Make(info.hierarchy, frames::FoveaOf(job.spec));
   FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(retained.status(), "spec"));
-  const int64_t coefficients = retained->CoefficientCount();
+  const int64_t super_voxels = retained->SuperVoxelCount();
   const int64_t pixels = *job.spec.width_px * *job.spec.height_px;
-  FOVEA_RETURN_IF_ERROR(CheckCost(pixels, coefficients, job.spec));
-  job.render_bytes = kBytesPerPixel * pixels + kBytesPerCoefficient * coefficients;
+  FOVEA_RETURN_IF_ERROR(CheckCost(pixels, super_voxels, job.spec));
+  job.render_bytes = kBytesPerPixel * pixels + kBytesPerSuperVoxel * super_voxels;
   const int64_t pixel_bytes =
       std::max(kCompressedBytesPerPixel, wire::RawPixelBytes(job.spec.encoding));
   job.reply_bytes = pixel_bytes * pixels + kReplyOverheadBytes;

@@ -14,7 +14,7 @@ namespace fovea::server {
 
 /// What one frame may cost on a server, whoever asks.
 inline constexpr int64_t kMaxPixelsPerFrame = int64_t{1} << 25;
-inline constexpr int64_t kMaxCoefficientsPerFrame = int64_t{1} << 28;
+inline constexpr int64_t kMaxSuperVoxelsPerFrame = int64_t{1} << 28;
 
 /// A frame that can be rendered: everything about it but the step is known and admitted.
 struct FrameJob {

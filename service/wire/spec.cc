@@ -82,6 +82,18 @@ v1::Smoothing ToProto(render::Smoothing smoothing) {
   return v1::SMOOTHING_FULL;
 }
 
+v1::WindowShape ToProto(WindowShape window) {
+  switch (window) {
+    case WindowShape::kCube:
+      return v1::WINDOW_CUBE;
+    case WindowShape::kSphere:
+      return v1::WINDOW_SPHERE;
+    case WindowShape::kSmooth:
+      break;
+  }
+  return v1::WINDOW_SMOOTH;
+}
+
 Status CheckFinite(const std::string& path, std::initializer_list<double> values) {
   for (const double value : values) {
     if (!std::isfinite(value)) {
@@ -188,6 +200,34 @@ StatusOr<std::optional<render::Smoothing>> FromProto(v1::Smoothing proto, const 
   }
 }
 
+StatusOr<std::optional<WindowShape>> FromProto(v1::WindowShape proto, const std::string& path) {
+  switch (proto) {
+    case v1::WINDOW_SHAPE_UNSPECIFIED:
+      return std::optional<WindowShape>();
+    case v1::WINDOW_CUBE:
+      return std::optional(WindowShape::kCube);
+    case v1::WINDOW_SPHERE:
+      return std::optional(WindowShape::kSphere);
+    case v1::WINDOW_SMOOTH:
+      return std::optional(WindowShape::kSmooth);
+    default:
+      return UnknownEnum(path, proto, "WINDOW_CUBE, WINDOW_SPHERE, WINDOW_SMOOTH");
+  }
+}
+
+StatusOr<Rate> RateFromProto(const v1::FrameSpec& proto, const std::string& path) {
+  if (proto.has_rate()) {
+    return BadField(path + ".rate_xyz", "stands instead of rate, not beside it");
+  }
+  for (const double rate : {proto.rate_xyz().x(), proto.rate_xyz().y(), proto.rate_xyz().z()}) {
+    if (!(rate >= 1 && rate <= kMaxDimension)) {
+      return BadField(path + ".rate_xyz",
+                      fmt::format("{} is outside its range, 1 to {}", rate, kMaxDimension));
+    }
+  }
+  return Rate(proto.rate_xyz().x(), proto.rate_xyz().y(), proto.rate_xyz().z());
+}
+
 /// Messages left out become empty optionals; numbers are checked by ValidateSpec later.
 Status ScalarsFromProto(const v1::FrameSpec& proto, const std::string& path,
                         frames::FrameSpec* spec) {
@@ -197,6 +237,9 @@ Status ScalarsFromProto(const v1::FrameSpec& proto, const std::string& path,
   if (proto.has_rate()) {
     FOVEA_RETURN_IF_ERROR(CheckFinite(path + ".rate", {proto.rate()}));
     spec->rate = proto.rate();
+  }
+  if (proto.has_rate_xyz()) {
+    FOVEA_ASSIGN_OR_RETURN(spec->rate, RateFromProto(proto, path));
   }
   if (proto.has_width_px()) {
     spec->width_px = proto.width_px();
@@ -217,6 +260,7 @@ Status ScalarsFromProto(const v1::FrameSpec& proto, const std::string& path,
   spec->strict = proto.strict();
   FOVEA_ASSIGN_OR_RETURN(spec->encoding, EncodingFromProto(proto.encoding(), path + ".encoding"));
   FOVEA_ASSIGN_OR_RETURN(spec->smoothing, FromProto(proto.smoothing(), path + ".smoothing"));
+  FOVEA_ASSIGN_OR_RETURN(spec->window, FromProto(proto.window(), path + ".window"));
   return absl::OkStatus();
 }
 
@@ -295,8 +339,15 @@ v1::FrameSpec ToProto(const frames::FrameSpec& spec) {
   if (spec.fovea) {
     *proto.mutable_fovea() = ToProto(*spec.fovea);
   }
-  if (spec.rate) {
-    proto.set_rate(*spec.rate);
+  if (spec.rate && spec.rate->IsIsotropic()) {
+    proto.set_rate(spec.rate->x);
+  } else if (spec.rate) {
+    proto.mutable_rate_xyz()->set_x(spec.rate->x);
+    proto.mutable_rate_xyz()->set_y(spec.rate->y);
+    proto.mutable_rate_xyz()->set_z(spec.rate->z);
+  }
+  if (spec.window) {
+    proto.set_window(ToProto(*spec.window));
   }
   if (spec.transfer) {
     *proto.mutable_transfer_function() = ToProto(*spec.transfer);

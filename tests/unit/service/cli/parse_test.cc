@@ -50,6 +50,19 @@ TEST(Parse, RenderTakesEveryPictureFlag) {
   EXPECT_TRUE(command.output.json && command.output.quiet);
 }
 
+TEST(Parse, WindowsAndARateAnAxis) {
+  const auto render = Parsed<RenderCommand>(
+      {"render", "a.zarr", "--rate", "9,8,7", "--window", "smooth", "-o", "f.png"});
+  EXPECT_EQ(render.spec.rate, Rate(9, 8, 7));
+  EXPECT_EQ(render.spec.window, WindowShape::kSmooth);
+  const auto extract =
+      Parsed<ExtractCommand>({"extract", "a.zarr", "--window", "sphere", "-o", "x.npy"});
+  EXPECT_EQ(extract.window, WindowShape::kSphere);
+  const ParseResult bad = ParseCommandLine({"render", "a.zarr", "--rate", "9,0,7", "-o", "f.png"});
+  EXPECT_EQ(bad.exit_status, 2);
+  EXPECT_THAT(bad.text, HasSubstr("--rate: rate 9,0,7 is outside its range, 1 to 65536"));
+}
+
 TEST(Parse, NothingSaidIsNothingSet) {
   const auto command = Parsed<RenderCommand>({"render", "a.zarr", "-o", "f.npy"});
   frames::FrameSpec expected;

@@ -108,6 +108,21 @@ frames::FrameSpec Resolved() {
   return spec;
 }
 
+TEST(ParseRate, OneNumberOrOneAnAxis) {
+  EXPECT_EQ(*ParseRate("40"), Rate(40));
+  EXPECT_EQ(*ParseRate("40,40,40"), Rate(40));
+  EXPECT_EQ(*ParseRate(" 40, 12.5,8 "), Rate(40, 12.5, 8));
+  EXPECT_THAT(ParseRate("40,12"), FailsWith(kInvalid, "'40,12'"));
+  EXPECT_THAT(ParseRate(""), FailsWith(kInvalid, "RX,RY,RZ"));
+}
+
+TEST(ParseWindow, KnowsThreeShapes) {
+  EXPECT_EQ(*ParseWindow("sphere"), WindowShape::kSphere);
+  EXPECT_EQ(*ParseWindow("smooth"), WindowShape::kSmooth);
+  EXPECT_EQ(*ParseWindow("cube"), WindowShape::kCube);
+  EXPECT_THAT(ParseWindow("ball"), FailsWith(kInvalid, "'ball' is not cube, sphere or smooth"));
+}
+
 TEST(PinningFlags, SayEverythingAndLeaveOutWhatAllChooseAlike) {
   frames::FrameSpec spec = Resolved();
   EXPECT_EQ(PinningFlags(spec, {40, 32, 48}),
@@ -117,9 +132,13 @@ TEST(PinningFlags, SayEverythingAndLeaveOutWhatAllChooseAlike) {
   spec.background->red = 0.5F;
   spec.fovea_marker = true;
   spec.strict = true;
+  spec.rate = {40, 20, 10.5};
+  spec.window = WindowShape::kSphere;
   const std::string flags = PinningFlags(spec, {40, 32, 50});
-  EXPECT_NE(flags.find("--center 20,16,24 --background 0.5,0,0 --fovea-marker --strict"),
-            std::string::npos)
+  EXPECT_NE(flags.find("--rate 40,20,10.5 "), std::string::npos) << flags;
+  EXPECT_NE(
+      flags.find("--window sphere --center 20,16,24 --background 0.5,0,0 --fovea-marker --strict"),
+      std::string::npos)
       << flags;
 }
 

@@ -68,6 +68,16 @@ TEST(SpecTest, EveryEnumValueComesBack) {
   }
 }
 
+TEST(SpecTest, EveryWindowAndARateAnAxisSurviveTheRoundTrip) {
+  for (const auto window : {WindowShape::kCube, WindowShape::kSphere, WindowShape::kSmooth}) {
+    frames::FrameSpec spec;
+    spec.window = window;
+    spec.rate = {40, 12.5, 8};
+    ASSERT_OK_AND_ASSIGN(const frames::FrameSpec back, RoundTrip(spec));
+    EXPECT_EQ(back, spec);
+  }
+}
+
 TEST(SpecTest, AnglesLeftOutOfAGivenViewAreZero) {
   v1::FrameSpec proto;
   proto.mutable_view()->mutable_orthographic()->set_span_voxels(10);
@@ -90,6 +100,17 @@ const BadSpec kBadSpecs[] = {
     {"spec.rate", "1 to 65536", [](v1::FrameSpec* s) { s->set_rate(0); }},
     {"spec.rate", "65537", [](v1::FrameSpec* s) { s->set_rate(65537); }},
     {"spec.rate", "finite", [](v1::FrameSpec* s) { s->set_rate(kNan); }},
+    {"spec.rate_xyz", "instead of",
+     [](v1::FrameSpec* s) {
+       s->set_rate(5);
+       s->mutable_rate_xyz()->set_x(5);
+     }},
+    {"spec.rate_xyz", "0 is outside its range, 1 to 65536",
+     [](v1::FrameSpec* s) {
+       s->clear_rate();
+       s->mutable_rate_xyz()->set_x(5);
+     }},
+    {"spec.window", "9", [](v1::FrameSpec* s) { s->set_window(v1::WindowShape(9)); }},
     {"spec.width_px", "1 to 16384", [](v1::FrameSpec* s) { s->set_width_px(100'000); }},
     {"spec.width_px", "width_px 0", [](v1::FrameSpec* s) { s->set_width_px(0); }},
     {"spec.height_px", "4294967295", [](v1::FrameSpec* s) { s->set_height_px(0xFFFFFFFFU); }},
