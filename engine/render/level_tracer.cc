@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "engine/render/lighting.h"
 
@@ -11,47 +12,38 @@ namespace fovea::render {
 namespace {
 
 /// A field of colours shares the kernel's way of looking up with the one of opacities.
-bool UsesTables(const SuperVoxels* color, const RenderSettings& settings) {
+bool UsesTables(bool with_colors, const RenderSettings& settings) {
   return KernelFunction::NeedsTable(settings.transfer) ||
-         (color != nullptr && KernelFunction::NeedsTable(settings.color_transfer));
+         (with_colors && KernelFunction::NeedsTable(settings.color_transfer));
 }
 
 }  // namespace
 
-FrameInputs::FrameInputs(const SuperVoxels& voxels, const SuperVoxels* color_voxels,
-                         const ShearView& sheared, const Matrix4& to_world,
-                         const RenderSettings& wanted)
-    : volume(voxels),
-      color(color_voxels),
+FrameInputs::FrameInputs(const RetainedSet& retained, bool with_colors, const ShearView& sheared,
+                         const Matrix4& to_world, const RenderSettings& wanted)
+    : fovea(retained.fovea().at),
       view(sheared),
       index_to_world(to_world),
       settings(wanted),
-      function(wanted.transfer, UsesTables(color_voxels, wanted)),
-      color_function(color_voxels != nullptr ? wanted.color_transfer : wanted.transfer,
-                     UsesTables(color_voxels, wanted)),
+      function(wanted.transfer, UsesTables(with_colors, wanted)),
+      color_function(with_colors ? wanted.color_transfer : wanted.transfer,
+                     UsesTables(with_colors, wanted)),
       transparent(wanted.transfer) {
   if (wanted.lighting.enabled) {
     light = MakeLight(wanted.lighting, wanted.transfer, sheared, to_world);
   }
 }
 
-void SpentPixels::Clear(const Rect& rect) {
-  any = false;
-  runs_in_row = (rect.Width() + kRun - 1) / kRun;
-  runs.assign(static_cast<size_t>(runs_in_row * rect.Height()), 0);
-}
-
-LevelTracer::LevelTracer(const FrameInputs& frame, Layer* layer)
+LevelTracer::LevelTracer(const FrameInputs& frame, const LevelValues& values,
+                         std::span<const SlicePlan> plans, Layer* layer)
     : frame_(frame),
       layer_(*layer),
-      slices_(frame.volume.levels[layer->plan.level], frame.view, frame.settings.threads),
-      live_(frame.volume.blocks[layer->plan.level], frame.volume.levels[layer->plan.level].box,
-            frame.transparent, frame.view) {
-  if (frame.color != nullptr) {
-    color_slices_.emplace(frame.color->levels[layer->plan.level], frame.view,
-                          frame.settings.threads);
+      slices_(values.grid, frame.view, frame.settings.threads),
+      live_(values.blocks, values.grid.box, frame.transparent, frame.view) {
+  if (values.color != nullptr) {
+    color_slices_.emplace(*values.color, frame.view, frame.settings.threads);
   }
-  for (const SlicePlan& plan : layer_.plan.slices) {
+  for (const SlicePlan& plan : plans) {
     // Pixel i samples at i + shift in cell-centre coordinates: four taps of constant weight.
     const double whole_u = std::floor(plan.shift.u);
     const double whole_v = std::floor(plan.shift.v);
@@ -88,17 +80,6 @@ uint64_t LevelTracer::TraceRows(Side side, int64_t v0, int64_t v1, SpentPixels* 
       since_look = 0;
       for (int64_t v = v0; v < v1; ++v) {
         FindSpent(side, v, *reach, spent);
-      }
-    }
-  }
-  if (!frame_.IsCut()) {
-    // Runs were marked at their ends.
-    Gathered& into = side == Side::kFront ? layer_.front : layer_.back;
-    const int64_t width = layer_.plan.rect.Width();
-    for (int64_t v = v0; v < v1; ++v) {
-      float* depth = into.depth.data() + layer_.Index(layer_.plan.rect.u0, v);
-      for (int64_t i = 1; i < width; ++i) {
-        depth[i] += depth[i - 1];
       }
     }
   }
@@ -247,9 +228,9 @@ void LevelTracer::CompositeWeighted(const Slice& slice, const SlabRun& run, Slab
   const int64_t row_width = layer_.plan.rect.Width();
   const int64_t v = layer_.plan.rect.v0 + run.pixel / row_width;
   const int64_t u = layer_.plan.rect.u0 + run.pixel % row_width;
-  const WeightedRow row = MakeWeightedRow(
-      frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at, frame_.settings, v,
-      slice.plan->k, static_cast<double>(layer_.plan.width), slice.plan->thickness);
+  const WeightedRow row =
+      MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.fovea, frame_.settings, v,
+                      slice.plan->k, static_cast<double>(layer_.plan.width), slice.plan->thickness);
   const bool falls_off = frame_.settings.weighting.kind == Weighting::Kind::kFalloff;
   for (int64_t done = 0; done < run.count; done += kAtOnce) {
     const SlabRun part{run.tap + done, run.pixel + done, std::min(kAtOnce, run.count - done)};
@@ -295,9 +276,8 @@ void LevelTracer::CountDepth(const Slice& slice, Gathered* into, int64_t v, Rang
     return;
   }
   const auto width = static_cast<double>(layer_.plan.width);
-  const WeightedRow row =
-      MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.volume.retained.fovea().at,
-                      frame_.settings, v, plan.k, width, plan.thickness);
+  const WeightedRow row = MakeWeightedRow(frame_.view, frame_.index_to_world, frame_.fovea,
+                                          frame_.settings, v, plan.k, width, plan.thickness);
   const auto length = static_cast<float>(row.length);
   for (int64_t i = range.begin; i < range.end; ++i) {
     depth[i - u0] += thickness * row.KeptLength(i) / length;
@@ -320,6 +300,79 @@ void LevelTracer::FindSpent(Side side, int64_t v, const std::vector<float>& reac
     if (most < frame_.settings.spent_transmittance) {
       runs[r] = 1;
     }
+  }
+}
+
+Layer EmptyLayer(const FrameInputs& frame, LevelPlan plan) {
+  const auto pixels = static_cast<size_t>(plan.rect.Width() * plan.rect.Height());
+  Layer layer;
+  layer.plan = std::move(plan);
+  layer.front.Clear(pixels);
+  layer.back.Clear(pixels);
+  layer.split.resize(pixels);
+  if (frame.settings.compositing == Compositing::kMaximum) {
+    for (Gathered* side : {&layer.front, &layer.back}) {
+      side->red.assign(pixels, -std::numeric_limits<float>::infinity());
+    }
+  }
+  return layer;
+}
+
+namespace {
+
+/// Runs were marked at their ends.
+void SumUpDepths(const Layer& layer, Gathered* side) {
+  const Rect& rect = layer.plan.rect;
+  for (int64_t v = rect.v0; v < rect.v1; ++v) {
+    float* depth = side->depth.data() + layer.Index(rect.u0, v);
+    for (int64_t i = 1; i < rect.Width(); ++i) {
+      depth[i] += depth[i - 1];
+    }
+  }
+}
+
+/// Each pixel's maximum is the largest of its ancestors'. Leaves take its appearance as what they
+/// have gathered; split pixels hand on nothing.
+void ShowMaxima(const TransferFunction& transfer, std::vector<Layer>* layers) {
+  for (size_t l = 0; l < layers->size(); ++l) {
+    Layer& layer = (*layers)[l];
+    const Rect& rect = layer.plan.rect;
+    for (int64_t v = rect.v0; v < rect.v1; ++v) {
+      for (int64_t u = rect.u0; u < rect.u1; ++u) {
+        const size_t i = layer.Index(u, v);
+        float& most = layer.front.red[i];
+        most = std::max(most, layer.back.red[i]);
+        if (l > 0) {
+          const Layer& parent = (*layers)[l - 1];
+          most = std::max(most, parent.front.red[parent.Index(u >> 1, v >> 1)]);
+        }
+      }
+    }
+  }
+  for (Layer& layer : *layers) {
+    for (size_t i = 0; i < layer.split.size(); ++i) {
+      const float most = layer.front.red[i];
+      const bool shows = layer.split[i] == 0 && std::isfinite(most);
+      const Appearance a = shows ? AppearanceOf(transfer, most) : Appearance{};
+      layer.front.Set(
+          i, {static_cast<float>(a.opacity * a.red), static_cast<float>(a.opacity * a.green),
+              static_cast<float>(a.opacity * a.blue), static_cast<float>(1 - a.opacity)});
+      layer.back.Set(i, Pixel{});
+    }
+  }
+}
+
+}  // namespace
+
+void FinishLayers(const FrameInputs& frame, std::vector<Layer>* layers) {
+  for (Layer& layer : *layers) {
+    if (!frame.IsCut()) {
+      SumUpDepths(layer, &layer.front);
+      SumUpDepths(layer, &layer.back);
+    }
+  }
+  if (frame.settings.compositing == Compositing::kMaximum) {
+    ShowMaxima(frame.settings.transfer, layers);
   }
 }
 

@@ -7,13 +7,14 @@
 
 #include "engine/render/live_blocks.h"
 #include "engine/render/slab_kernel.h"
+#include "engine/render/spent_pixels.h"
 #include "engine/render/thick_ray.h"
 
 namespace fovea::render {
 
 /// What is the same for all levels of a frame.
 struct FrameInputs {
-  FrameInputs(const SuperVoxels& voxels, const SuperVoxels* color_voxels, const ShearView& sheared,
+  FrameInputs(const RetainedSet& retained, bool with_colors, const ShearView& sheared,
               const Matrix4& to_world, const RenderSettings& wanted);
   /// Whether samples weigh differently along a row.
   [[nodiscard]] bool IsWeighted() const {
@@ -24,8 +25,12 @@ struct FrameInputs {
     return settings.weighting.kind == Weighting::Kind::kChop || !settings.clip.IsEmpty();
   }
 
-  const SuperVoxels& volume;
-  const SuperVoxels* color;
+  /// Below what transmittance a pixel is spent. Maxima never are.
+  [[nodiscard]] float SpentLimit() const {
+    return settings.compositing == Compositing::kMaximum ? 0.0F : settings.spent_transmittance;
+  }
+
+  Vec3 fovea;
   const ShearView& view;
   const Matrix4& index_to_world;
   const RenderSettings& settings;
@@ -34,22 +39,21 @@ struct FrameInputs {
   TransparentValues transparent;
 };
 
-/// Which pixels of a level have nothing to gain any more, in runs of kRun pixels from plan.rect.u0.
-struct SpentPixels {
-  static constexpr int64_t kRun = 8;
-  bool any = false;
-  int64_t runs_in_row = 0;
-  std::vector<uint8_t> runs;  // row by row; 1: all of the run's pixels are spent
-
-  void Clear(const Rect& rect);
+/// What a tracer reads: super-voxels of one level, all or those of some slices.
+struct LevelValues {
+  const Grid& grid;
+  const ValueBlocks& blocks;
+  const Grid* color = nullptr;  // a second field on the same box, or null
 };
 
-/// Traces the rays of one level through the slices it owns.
+/// Traces the rays of one level through slices it owns.
 class LevelTracer {
  public:
   enum class Side { kFront, kBack };
 
-  LevelTracer(const FrameInputs& frame, Layer* layer);
+  /// For the slices of `plans`, which are some of the layer's. `values` must hold their taps.
+  LevelTracer(const FrameInputs& frame, const LevelValues& values, std::span<const SlicePlan> plans,
+              Layer* layer);
 
   /// All slices of one side for the rows [v0, v1) of the image, which no other thread touches.
   /// Skips what is transparent and the pixels of `spent`. With `reach` (what the ray lets through
@@ -92,6 +96,12 @@ class LevelTracer {
   LiveBlocks live_;
   std::vector<Slice> prepared_;
 };
+
+/// An image of a level on which nothing was traced yet.
+[[nodiscard]] Layer EmptyLayer(const FrameInputs& frame, LevelPlan plan);
+/// What is left to do once all slices of all levels are traced: depths are summed up, maxima become
+/// what they look like.
+void FinishLayers(const FrameInputs& frame, std::vector<Layer>* layers);
 
 }  // namespace fovea::render
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <memory>
 
 #include "engine/base/parallel.h"
@@ -57,81 +56,49 @@ WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world
 
 namespace {
 
-Layer EmptyLayer(LevelPlan plan) {
-  const auto pixels = static_cast<size_t>(plan.rect.Width() * plan.rect.Height());
-  Layer layer;
-  layer.plan = std::move(plan);
-  layer.front.Clear(pixels);
-  layer.back.Clear(pixels);
-  layer.split.resize(pixels);
-  return layer;
-}
-
 /// One frame's rays: fronts from the coarsest level to the finest, then backs from the finest to
-/// the coarsest, so that each knows which pixels are spent: ALGORITHM, skip.
+/// the coarsest, so that each knows which pixels are spent.
 class FrameTracer {
  public:
-  FrameTracer(const FrameInputs& frame, std::vector<LevelPlan> plans) : frame_(frame) {
+  FrameTracer(const FrameInputs& frame, const SuperVoxels& volume, const SuperVoxels* color,
+              std::vector<LevelPlan> plans)
+      : frame_(frame) {
     layers_.reserve(plans.size());
     for (LevelPlan& plan : plans) {
-      Layer& layer = layers_.emplace_back(EmptyLayer(std::move(plan)));
-      tracers_.push_back(std::make_unique<LevelTracer>(frame, &layer));
-      reach_.emplace_back(layer.split.size(), 1.0F);
-      left_.emplace_back();
+      Layer& layer = layers_.emplace_back(EmptyLayer(frame, std::move(plan)));
+      const auto level = static_cast<size_t>(layer.plan.level);
+      const LevelValues values{volume.levels[level], volume.blocks[level],
+                               color != nullptr ? &color->levels[level] : nullptr};
+      tracers_.push_back(std::make_unique<LevelTracer>(frame, values, layer.plan.slices, &layer));
     }
+    reach_.resize(layers_.size());
+    left_.resize(layers_.size());
   }
 
   uint64_t TraceAll() {
-    if (frame_.settings.compositing == Compositing::kMaximum) {
-      return TraceMaxima();
-    }
+    const float limit = frame_.SpentLimit();
+    SpentPixels spent;
     for (size_t l = 0; l < layers_.size(); ++l) {
-      SpentPixels spent = l == 0 ? NoneSpent(0) : SpentInFront(l);
+      if (l == 0) {
+        reach_[0].assign(layers_[0].split.size(), 1.0F);
+        spent.Clear(layers_[0].plan.rect);
+      } else {
+        LeftBehindFront(layers_[l - 1], reach_[l - 1], &left_[l - 1]);
+        PassDownReach(layers_[l - 1], left_[l - 1], layers_[l], &reach_[l]);
+        FindSpentChildren(layers_[l - 1], left_[l - 1], layers_[l], limit, &spent);
+      }
       Trace(LevelTracer::Side::kFront, l, &spent);
     }
     for (size_t l = layers_.size(); l-- > 0;) {
-      SpentPixels spent = SpentBehind(l);
+      LeftBehindFront(layers_[l], reach_[l], &left_[l]);
+      TakeMostOfChildren(l);
+      FindSpent(layers_[l], left_[l], limit, &spent);
       Trace(LevelTracer::Side::kBack, l, &spent);
-      MeasureLeft(l);
-    }
-    return samples_;
-  }
-
-  /// Maxima need no order: both sides of every level, then each pixel's is the largest of its
-  /// ancestors'. Leaves take its appearance as what they have gathered; split pixels hand on
-  /// nothing.
-  uint64_t TraceMaxima() {
-    for (size_t l = 0; l < layers_.size(); ++l) {
-      Layer& layer = layers_[l];
-      for (Gathered* side : {&layer.front, &layer.back}) {
-        std::fill(side->red.begin(), side->red.end(), -std::numeric_limits<float>::infinity());
-      }
-      for (const auto side : {LevelTracer::Side::kFront, LevelTracer::Side::kBack}) {
-        SpentPixels none = NoneSpent(l);
-        Trace(side, l, &none);
-      }
-      for (int64_t v = layer.plan.rect.v0; v < layer.plan.rect.v1; ++v) {
-        for (int64_t u = layer.plan.rect.u0; u < layer.plan.rect.u1; ++u) {
-          const size_t i = layer.Index(u, v);
-          float& most = layer.front.red[i];
-          most = std::max(most, layer.back.red[i]);
-          if (l > 0 && layers_[l - 1].plan.rect.Contains(u >> 1, v >> 1)) {
-            most = std::max(most, layers_[l - 1].front.red[layers_[l - 1].Index(u >> 1, v >> 1)]);
-          }
-        }
+      for (size_t i = 0; i < left_[l].size(); ++i) {
+        left_[l][i] *= layers_[l].back.transmittance[i];
       }
     }
-    for (Layer& layer : layers_) {
-      for (size_t i = 0; i < layer.split.size(); ++i) {
-        const float most = layer.front.red[i];
-        layer.back.Set(i, Pixel{});
-        const bool shows = layer.split[i] == 0 && std::isfinite(most);
-        const Appearance a = shows ? AppearanceOf(frame_.settings.transfer, most) : Appearance{};
-        layer.front.Set(
-            i, {static_cast<float>(a.opacity * a.red), static_cast<float>(a.opacity * a.green),
-                static_cast<float>(a.opacity * a.blue), static_cast<float>(1 - a.opacity)});
-      }
-    }
+    FinishLayers(frame_, &layers_);
     return samples_;
   }
 
@@ -142,8 +109,7 @@ class FrameTracer {
     constexpr int64_t kRowsInBand = 8;
     const Rect& rect = layers_[l].plan.rect;
     // A level whose pixels are never split may end a ray wherever it is spent.
-    const bool ends_rays = l + 1 == layers_.size() && frame_.settings.spent_transmittance > 0 &&
-                           frame_.settings.compositing != Compositing::kMaximum;
+    const bool ends_rays = l + 1 == layers_.size() && frame_.SpentLimit() > 0;
     spent->any = spent->any || ends_rays;
     ParallelFor(
         rect.v0, rect.v1, kRowsInBand, frame_.settings.threads, [&](int64_t v0, int64_t v1) {
@@ -151,115 +117,28 @@ class FrameTracer {
         });
   }
 
-  SpentPixels NoneSpent(size_t l) const {
-    SpentPixels spent;
-    spent.Clear(layers_[l].plan.rect);
-    return spent;
-  }
-
-  /// Marks the runs of level l whose pixels are all `is_spent(u, v)`.
-  template <typename IsSpent>
-  SpentPixels Mark(size_t l, const IsSpent& is_spent) const {
-    const Rect& rect = layers_[l].plan.rect;
-    SpentPixels spent = NoneSpent(l);
-    for (int64_t v = rect.v0; v < rect.v1; ++v) {
-      for (int64_t r = 0; r < spent.runs_in_row; ++r) {
-        const int64_t begin = rect.u0 + r * SpentPixels::kRun;
-        bool all = true;
-        for (int64_t u = begin; all && u < std::min(begin + SpentPixels::kRun, rect.u1); ++u) {
-          all = is_spent(u, v);
-        }
-        spent.runs[static_cast<size_t>((v - rect.v0) * spent.runs_in_row + r)] = all ? 1 : 0;
-        spent.any = spent.any || all;
-      }
-    }
-    return spent;
-  }
-
-  /// Whether `left` is below the limit in pixel (u, v) of level l and in all pixels around it that
-  /// are split, with which smooth splitting mixes it.
-  bool SpentAround(size_t l, const std::vector<float>& left, int64_t u, int64_t v) const {
-    const Layer& layer = layers_[l];
-    for (int64_t dv = -1; dv <= 1; ++dv) {
-      for (int64_t du = -1; du <= 1; ++du) {
-        if ((layer.IsSplit(u + du, v + dv) || (du == 0 && dv == 0)) &&
-            left[layer.Index(u + du, v + dv)] >= frame_.settings.spent_transmittance) {
-          return false;
-        }
-      }
-    }
-    return true;
-  }
-
-  /// What a level's pixels inherit: how much of the ray is left, and whether that is too little.
-  SpentPixels SpentInFront(size_t l) {
-    const Layer& parent = layers_[l - 1];
-    std::vector<float> behind(parent.split.size());
-    float least = 1;
-    for (size_t i = 0; i < behind.size(); ++i) {
-      behind[i] = reach_[l - 1][i] * parent.front.transmittance[i];
-      least = std::min(least, behind[i]);
-    }
+  /// Behind a split pixel's children as much is left as behind the best of them.
+  void TakeMostOfChildren(size_t l) {
     const Layer& layer = layers_[l];
     const Rect& rect = layer.plan.rect;
-    for (int64_t v = rect.v0; v < rect.v1; ++v) {
+    for (int64_t v = rect.v0; l + 1 < layers_.size() && v < rect.v1; ++v) {
       for (int64_t u = rect.u0; u < rect.u1; ++u) {
-        reach_[l][layer.Index(u, v)] = behind[parent.Index(u >> 1, v >> 1)];
+        if (layer.IsSplit(u, v)) {
+          const Layer& finer = layers_[l + 1];
+          const float* near = left_[l + 1].data() + finer.Index(2 * u, 2 * v);
+          const float* far = near + finer.plan.rect.Width();
+          left_[l][layer.Index(u, v)] =
+              std::max(std::max(near[0], near[1]), std::max(far[0], far[1]));
+        }
       }
-    }
-    if (least >= frame_.settings.spent_transmittance) {
-      return NoneSpent(l);
-    }
-    return Mark(l, [&](int64_t u, int64_t v) {
-      return !parent.IsSplit(u >> 1, v >> 1) || SpentAround(l - 1, behind, u >> 1, v >> 1);
-    });
-  }
-
-  /// Before the back of level l is traced: what is left of the ray there.
-  SpentPixels SpentBehind(size_t l) {
-    const Layer& layer = layers_[l];
-    std::vector<float>& left = left_[l];
-    left.resize(layer.split.size());
-    float least = 1;
-    const Rect& rect = layer.plan.rect;
-    for (int64_t v = rect.v0; v < rect.v1; ++v) {
-      for (int64_t u = rect.u0; u < rect.u1; ++u) {
-        const size_t i = layer.Index(u, v);
-        left[i] = layer.split[i] != 0 ? MostOfChildren(l, u, v)
-                                      : reach_[l][i] * layer.front.transmittance[i];
-        least = std::min(least, left[i]);
-      }
-    }
-    if (least >= frame_.settings.spent_transmittance) {
-      return NoneSpent(l);
-    }
-    return Mark(l, [&](int64_t u, int64_t v) {
-      const size_t i = layer.Index(u, v);
-      return layer.split[i] != 0 ? SpentAround(l, left, u, v)
-                                 : left[i] < frame_.settings.spent_transmittance;
-    });
-  }
-
-  float MostOfChildren(size_t l, int64_t u, int64_t v) const {
-    const Layer& finer = layers_[l + 1];
-    const size_t i = finer.Index(2 * u, 2 * v);
-    const auto width = static_cast<size_t>(finer.plan.rect.Width());
-    const std::vector<float>& left = left_[l + 1];
-    return std::max(std::max(left[i], left[i + 1]), std::max(left[i + width], left[i + width + 1]));
-  }
-
-  /// After it is traced: what is left of the ray for the coarser level's back.
-  void MeasureLeft(size_t l) {
-    for (size_t i = 0; i < left_[l].size(); ++i) {
-      left_[l][i] *= layers_[l].back.transmittance[i];
     }
   }
 
   const FrameInputs& frame_;
   std::vector<Layer> layers_;
   std::vector<std::unique_ptr<LevelTracer>> tracers_;
-  std::vector<std::vector<float>> reach_;  // what a ray lets through before the level
-  std::vector<std::vector<float>> left_;   // what is left of it behind
+  std::vector<std::vector<float>> reach_;  // what arrives at the level
+  std::vector<std::vector<float>> left_;   // what is left behind it
   std::atomic<uint64_t> samples_{0};
 };
 
@@ -268,8 +147,8 @@ class FrameTracer {
 std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const SuperVoxels* color,
                                   const ShearView& view, const Matrix4& index_to_world,
                                   const RenderSettings& settings, uint64_t* samples) {
-  const FrameInputs frame(volume, color, view, index_to_world, settings);
-  FrameTracer tracer(frame, PlanLevels(volume.retained, view));
+  const FrameInputs frame(volume.retained, color != nullptr, view, index_to_world, settings);
+  FrameTracer tracer(frame, volume, color, PlanLevels(volume.retained, view));
   const uint64_t met = tracer.TraceAll();
   if (samples != nullptr) {
     *samples = met;
