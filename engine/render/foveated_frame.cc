@@ -16,7 +16,7 @@ bool IsInRange(const Rect& rect) {
 }
 
 Status ValidateShape(const FrameLevel& level, size_t number, int64_t width) {
-  if (level.width != width) {
+  if (level.width != width || width < 1) {
     return InvalidArgument("foveated frame: level {} has pixels {} voxels wide where {} are due",
                            number, level.width, width);
   }
@@ -75,16 +75,17 @@ Status Validate(const FoveatedFrame& frame) {
       })) {
     return InvalidArgument("foveated frame: picture size, sheet or warp is out of range");
   }
+  int64_t width = frame.levels.front().width;
+  if (width < 1 || width > kFarthestPixel || (width & (width - 1)) != 0) {
+    return InvalidArgument("foveated frame: pixels {} voxels wide; a power of two is due", width);
+  }
+  for (size_t l = 0; l < frame.levels.size(); ++l, width /= 2) {
+    FOVEA_RETURN_IF_ERROR(ValidateShape(frame.levels[l], l, width));
+  }
   for (size_t l = 0; l < frame.levels.size(); ++l) {
-    const FrameLevel& level = frame.levels[l];
     const FrameLevel* coarser = l > 0 ? &frame.levels[l - 1] : nullptr;
     const FrameLevel* finer = l + 1 < frame.levels.size() ? &frame.levels[l + 1] : nullptr;
-    const int64_t width = coarser != nullptr ? coarser->width / 2 : level.width;
-    if (l == 0 && (width < 1 || width > kFarthestPixel || (width & (width - 1)) != 0)) {
-      return InvalidArgument("foveated frame: pixels {} voxels wide; a power of two is due", width);
-    }
-    FOVEA_RETURN_IF_ERROR(ValidateShape(level, l, width));
-    if (width < 1 || !FollowsItsParent(level, coarser) || !HoldsItsChildren(level, finer)) {
+    if (!FollowsItsParent(frame.levels[l], coarser) || !HoldsItsChildren(frame.levels[l], finer)) {
       return InvalidArgument("foveated frame: pixels of level {} do not fit those around it", l);
     }
   }
