@@ -1,195 +1,199 @@
 #include "engine/render/combine.h"
 
 #include <algorithm>
-#include <cmath>
+#include <functional>
 
 #include "engine/base/parallel.h"
+#include "engine/render/combine_kernels.h"
 
 namespace fovea::render {
 namespace {
 
-/// What a pixel has gathered, free of its thickness: optical depth and emission per unit of depth.
-/// Neighbours were split at different slices, so colour and transmittance cannot be mixed as such.
-struct Density {
-  float tau = 0;
-  float red = 0, green = 0, blue = 0;  // emission
-};
-
-Density DensityOf(const Pixel& pixel, float depth) {
-  Density density;
-  if (depth <= 0 || pixel.transmittance >= 1.0F) {
-    return density;
-  }
-  density.tau = -std::log(std::max(pixel.transmittance, 1e-7F)) / depth;
-  const float per_cover = density.tau / (1.0F - pixel.transmittance);
-  density.red = pixel.red * per_cover;
-  density.green = pixel.green * per_cover;
-  density.blue = pixel.blue * per_cover;
-  return density;
+/// Rows in a piece of work: small levels are not worth waking threads for.
+int64_t RowsInPiece(const Rect& rect) {
+  constexpr int64_t kPixels = 16384;
+  return std::max<int64_t>(4, kPixels / rect.Width() & ~int64_t{1});
 }
 
-Pixel GatheredOver(const Density& density, float depth) {
-  Pixel pixel;
-  if (depth <= 0 || density.tau <= 0) {
-    return pixel;
-  }
-  pixel.transmittance = ExpNegative(-density.tau * depth);
-  const float cover_per_tau = (1.0F - pixel.transmittance) / density.tau;
-  pixel.red = density.red * cover_per_tau;
-  pixel.green = density.green * cover_per_tau;
-  pixel.blue = density.blue * cover_per_tau;
-  return pixel;
+GatheredRun RunOf(Gathered* gathered, size_t at) {
+  return {gathered->red.data() + at, gathered->green.data() + at, gathered->blue.data() + at,
+          gathered->transmittance.data() + at, gathered->depth.data() + at};
 }
 
-/// One of the two accumulators of a level, as its children see it.
-class Inheritance {
+/// The densities of one accumulator over a rectangle, with a border of zeros one pixel wide.
+class DensityPlanes {
  public:
-  Inheritance(const Layer& layer, const Gathered& gathered, bool smooth, int threads)
-      : layer_(layer), gathered_(gathered), smooth_(smooth) {
-    if (!smooth) {
-      return;
+  /// `from` has room for FloatsFor(rect).
+  DensityPlanes(float* from, const Rect& rect) : rect_(rect), stride_(StrideFor(rect)) {
+    const int64_t plane = stride_ * (rect.Height() + 2);
+    float* at = from + stride_ + 1;  // of pixel (u0, v0), past the border
+    origin_ = {at, at + plane, at + 2 * plane, at + 3 * plane, at + 4 * plane};
+    for (int channel = 0; channel < 5; ++channel) {
+      std::fill_n(from + channel * plane, stride_, 0.0F);
+      std::fill_n(from + (channel + 1) * plane - stride_, stride_, 0.0F);
     }
-    densities_.resize(gathered.depth.size());
-    ParallelFor(0, static_cast<int64_t>(densities_.size()), 4096, threads,
-                [&](int64_t first, int64_t last) {
-                  for (int64_t i = first; i < last; ++i) {
-                    if (layer.split[i] != 0) {
-                      densities_[i] = DensityOf(gathered.At(i), gathered.depth[i]);
-                    }
-                  }
-                });
   }
 
-  /// What child (u, v) of the next level takes over. Its parent is split.
-  [[nodiscard]] Pixel For(int64_t u, int64_t v) const {
-    const size_t own = layer_.Index(u >> 1, v >> 1);
-    if (!smooth_) {
-      return gathered_.At(own);
+  [[nodiscard]] static size_t FloatsFor(const Rect& rect) {
+    return static_cast<size_t>(5 * StrideFor(rect) * (rect.Height() + 2));
+  }
+
+  /// From pixel (u, v) on.
+  [[nodiscard]] DensityRun At(int64_t u, int64_t v) const {
+    const int64_t at = (v - rect_.v0) * stride_ + u - rect_.u0;
+    return {origin_.tau + at, origin_.red + at, origin_.green + at, origin_.blue + at,
+            origin_.share + at};
+  }
+
+  /// Row v, its border included, from what the layer gathered there.
+  void FillRow(Gathered* gathered, const Layer& layer, int64_t v) const {
+    const DensityRun row = At(rect_.u0, v);
+    const auto count = static_cast<size_t>(rect_.Width());
+    for (float* plane : {row.tau, row.red, row.green, row.blue, row.share}) {
+      plane[-1] = 0;
+      std::fill(plane + count, plane + stride_ - 1, 0.0F);
     }
-    const int64_t du = (u & 1) != 0 ? 1 : -1;
-    const int64_t dv = (v & 1) != 0 ? 1 : -1;
-    Density sum;
-    float weights = 0;
-    Add(u >> 1, v >> 1, 9, &sum, &weights);
-    Add((u >> 1) + du, v >> 1, 3, &sum, &weights);
-    Add(u >> 1, (v >> 1) + dv, 3, &sum, &weights);
-    Add((u >> 1) + du, (v >> 1) + dv, 1, &sum, &weights);
-    if (weights <= 0) {
-      return {};
-    }
-    const float scale = 1 / weights;
-    return GatheredOver({sum.tau * scale, sum.red * scale, sum.green * scale, sum.blue * scale},
-                        gathered_.depth[own]);
+    const size_t at = layer.Index(rect_.u0, v);
+    FindDensities(RunOf(gathered, at), &layer.split[at], count, row);
   }
 
  private:
-  void Add(int64_t u, int64_t v, float weight, Density* sum, float* weights) const {
-    if (!layer_.IsSplit(u, v)) {
-      return;
-    }
-    const size_t i = layer_.Index(u, v);
-    if (gathered_.depth[i] <= 0) {
-      return;
-    }
-    const Density& d = densities_[i];
-    sum->tau += weight * d.tau;
-    sum->red += weight * d.red;
-    sum->green += weight * d.green;
-    sum->blue += weight * d.blue;
-    *weights += weight;
+  static int64_t StrideFor(const Rect& rect) {
+    return rect.Width() + 2 + static_cast<int64_t>(kDensitySlack);
   }
 
-  const Layer& layer_;
-  const Gathered& gathered_;
-  bool smooth_;
-  std::vector<Density> densities_;
+  Rect rect_;
+  int64_t stride_;
+  DensityRun origin_{};
 };
 
-/// Composites what the children of `coarser`'s split pixels inherit onto `finer`.
-void PassDown(const Layer& coarser, bool smooth, int threads, Layer* finer) {
-  const Inheritance front(coarser, coarser.front, smooth, threads);
-  const Inheritance back(coarser, coarser.back, smooth, threads);
-  const Rect& rect = finer->plan.rect;
-  ParallelFor(rect.v0, rect.v1, 8, threads, [&](int64_t first, int64_t last) {
-    for (int64_t v = first; v < last; ++v) {
-      for (int64_t u = rect.u0; u < rect.u1; ++u) {
-        if (!coarser.IsSplit(u >> 1, v >> 1)) {
-          continue;
-        }
-        const size_t own = finer->Index(u, v);
-        const size_t parent = coarser.Index(u >> 1, v >> 1);
-        finer->front.Set(own, Over(front.For(u, v), finer->front.At(own)));
-        finer->back.Set(own, Over(finer->back.At(own), back.For(u, v)));
-        finer->front.depth[own] += 2 * coarser.front.depth[parent];
-        finer->back.depth[own] += 2 * coarser.back.depth[parent];
+/// Passes what `coarser` has gathered down to `finer`.
+class Splitting {
+ public:
+  Splitting(Layer* coarser, Layer* finer, bool smooth, std::vector<float>* buffer)
+      : coarser_(*coarser),
+        finer_(*finer),
+        smooth_(smooth),
+        parents_({finer->plan.rect.u0 / 2, finer->plan.rect.u1 / 2, finer->plan.rect.v0 / 2,
+                  finer->plan.rect.v1 / 2}),
+        front_(Room(parents_, buffer), parents_),
+        back_(buffer->data() + DensityPlanes::FloatsFor(parents_), parents_) {}
+
+  /// Before any row is passed down.
+  void FindAllDensities(int threads) const {
+    if (!smooth_) {
+      return;
+    }
+    const auto fill = [this](int64_t first, int64_t last) {
+      for (int64_t v = first; v < last; ++v) {
+        front_.FillRow(&coarser_.front, coarser_, v);
+        back_.FillRow(&coarser_.back, coarser_, v);
       }
-    }
-  });
-}
-
-Rgba Covered(const Pixel& pixel) {
-  return {pixel.red, pixel.green, pixel.blue, 1.0F - pixel.transmittance};
-}
-
-/// A child whose ray leaves through a side of the volume does not speak for a pixel that has
-/// others crossing from face to face: it would draw the volume's edge into the middle of the pixel.
-Rgba MeanOfChildren(const PyramidLevel& finer, int64_t u, int64_t v) {
-  const auto crosses = [&](int i) {
-    return finer.plan.crossing.Contains(2 * u + (i & 1), 2 * v + (i >> 1));
-  };
-  const bool any = crosses(0) || crosses(1) || crosses(2) || crosses(3);
-  Rgba sum;
-  float count = 0;
-  for (int i = 0; i < 4; ++i) {
-    if (any && !crosses(i)) {
-      continue;
-    }
-    const Rgba& child = finer.values[finer.Index(2 * u + (i & 1), 2 * v + (i >> 1))];
-    sum.red += child.red;
-    sum.green += child.green;
-    sum.blue += child.blue;
-    sum.alpha += child.alpha;
-    ++count;
+    };
+    ParallelFor(parents_.v0, parents_.v1, RowsInPiece(parents_), threads, std::ref(fill));
   }
-  return {sum.red / count, sum.green / count, sum.blue / count, sum.alpha / count};
+
+  /// Row v of the finer level.
+  void PassRow(int64_t v) const {
+    Inheritance inherited;
+    const int64_t step = static_cast<int64_t>(kParentBlock);
+    for (int64_t u = parents_.u0; u < parents_.u1; u += step) {
+      const auto count = static_cast<size_t>(std::min(step, parents_.u1 - u));
+      const size_t own = finer_.Index(2 * u, v);
+      Inherit(front_, &coarser_.front, u, v, count, &inherited);
+      CompositeBefore(inherited, 2 * count, RunOf(&finer_.front, own));
+      Inherit(back_, &coarser_.back, u, v, count, &inherited);
+      CompositeBehind(inherited, 2 * count, RunOf(&finer_.back, own));
+    }
+  }
+
+ private:
+  static float* Room(const Rect& rect, std::vector<float>* buffer) {
+    const size_t floats = 2 * DensityPlanes::FloatsFor(rect);
+    buffer->resize(std::max(buffer->size(), floats));
+    return buffer->data();
+  }
+
+  void Inherit(const DensityPlanes& densities, Gathered* gathered, int64_t u, int64_t v,
+               size_t count, Inheritance* inherited) const {
+    const int64_t parent = v >> 1;
+    const size_t at = coarser_.Index(u, parent);
+    if (smooth_) {
+      const int64_t towards = (v & 1) != 0 ? parent + 1 : parent - 1;
+      InheritSmoothly(densities.At(u, parent), densities.At(u, towards), &gathered->depth[at],
+                      &coarser_.split[at], count, inherited);
+    } else {
+      InheritCopies(RunOf(gathered, at), &coarser_.split[at], count, inherited);
+    }
+  }
+
+  Layer& coarser_;
+  Layer& finer_;
+  bool smooth_;
+  Rect parents_;  // the finer level's rectangle, in the coarser one's pixels
+  DensityPlanes front_, back_;
+};
+
+/// Row v as the frame shows it. `coarser` is null for level 0.
+void ShowRow(Layer* layer, const Layer* coarser, int64_t v, FrameLevel* level) {
+  const Rect& rect = level->rect;
+  const size_t at = level->Index(rect.u0, v);
+  PixelKind* kinds = &level->kinds[at];
+  const uint8_t* split = &layer->split[at];
+  const auto count = static_cast<size_t>(rect.Width());
+  // The rectangle is made of whole parents.
+  const uint8_t* parents =
+      coarser != nullptr ? &coarser->split[coarser->Index(rect.u0 >> 1, v >> 1)] : nullptr;
+  for (size_t i = 0; i < count; ++i) {
+    const bool present = parents == nullptr || parents[i >> 1] != 0;
+    kinds[i] = split[i] != 0 ? PixelKind::kSplit : present ? PixelKind::kLeaf : PixelKind::kAbsent;
+  }
+  ShowLeaves(RunOf(&layer->front, at), RunOf(&layer->back, at), kinds, count, &level->values[at]);
 }
 
-/// The level's values, once the next finer level has its own. `coarser` is null for level 0.
-PyramidLevel Finish(Layer layer, const Layer* coarser, const PyramidLevel* finer, int threads) {
-  const Rect rect = layer.plan.rect;
-  PyramidLevel level;
-  level.plan = std::move(layer.plan);
-  level.values.resize(layer.split.size());
-  level.present.resize(layer.split.size());
-  ParallelFor(rect.v0, rect.v1, 8, threads, [&](int64_t first, int64_t last) {
-    for (int64_t v = first; v < last; ++v) {
-      for (int64_t u = rect.u0; u < rect.u1; ++u) {
-        const size_t i = level.Index(u, v);
-        level.present[i] = coarser == nullptr || coarser->IsSplit(u >> 1, v >> 1) ? 1 : 0;
-        if (layer.split[i] != 0) {
-          level.values[i] = MeanOfChildren(*finer, u, v);
-        } else if (level.present[i] != 0) {
-          level.values[i] = Covered(Over(layer.front.At(i), layer.back.At(i)));
-        }
-      }
-    }
-  });
-  level.split = std::move(layer.split);
-  return level;
+void TakeShape(const LevelPlan& plan, FrameLevel* level) {
+  level->width = plan.width;
+  level->rect = plan.rect;
+  level->void_u0 = plan.void_u0;
+  level->void_u1 = plan.void_u1;
+  level->void_v0 = plan.void_v0;
+  level->void_v1 = plan.void_v1;
+  level->crossing = plan.crossing;
+  const auto pixels = static_cast<size_t>(plan.rect.Width() * plan.rect.Height());
+  level->kinds.resize(pixels);
+  level->values.resize(pixels);
 }
 
 }  // namespace
 
-std::vector<PyramidLevel> Combine(std::vector<Layer> layers, bool smooth_splitting, int threads) {
-  for (size_t l = 1; l < layers.size(); ++l) {
-    PassDown(layers[l - 1], smooth_splitting, threads, &layers[l]);
+void Combine(bool smooth_splitting, int threads, std::vector<Layer>* layers,
+             CombineScratch* scratch, std::vector<FrameLevel>* levels) {
+  levels->resize(layers->size());
+  for (size_t l = 0; l < layers->size(); ++l) {
+    Layer* own = &(*layers)[l];
+    Layer* coarser = l > 0 ? &(*layers)[l - 1] : nullptr;
+    FrameLevel* level = &(*levels)[l];
+    TakeShape(own->plan, level);
+    const auto work = [&](const Splitting* splitting) {
+      const auto rows = [&](int64_t first, int64_t last) {
+        for (int64_t v = first; v < last; ++v) {
+          if (splitting != nullptr) {
+            splitting->PassRow(v);
+          }
+          ShowRow(own, coarser, v, level);
+        }
+      };
+      ParallelFor(level->rect.v0, level->rect.v1, RowsInPiece(level->rect), threads,
+                  std::ref(rows));
+    };
+    if (coarser == nullptr) {
+      work(nullptr);
+    } else {
+      const Splitting splitting(coarser, own, smooth_splitting, &scratch->densities);
+      splitting.FindAllDensities(threads);
+      work(&splitting);
+    }
   }
-  std::vector<PyramidLevel> pyramid(layers.size());
-  for (size_t l = layers.size(); l-- > 0;) {
-    pyramid[l] = Finish(std::move(layers[l]), l > 0 ? &layers[l - 1] : nullptr,
-                        l + 1 < pyramid.size() ? &pyramid[l + 1] : nullptr, threads);
-  }
-  return pyramid;
 }
 
 }  // namespace fovea::render

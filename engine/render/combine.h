@@ -3,34 +3,22 @@
 
 #include <vector>
 
-#include "engine/render/image.h"
+#include "engine/render/foveated_frame.h"
 #include "engine/render/thick_ray.h"
 
 namespace fovea::render {
 
-/// A premultiplied colour with its cover, as in a picture.
-struct Rgba {
-  float red = 0, green = 0, blue = 0, alpha = 0;
-};
-
-/// One level of the foveated image: a value for every pixel the level has (for a split pixel the
-/// mean of its children); `present` says which. Row by row over plan.rect.
-struct PyramidLevel {
-  LevelPlan plan;
-  std::vector<Rgba> values;
-  std::vector<uint8_t> present;
-  std::vector<uint8_t> split;
-
-  [[nodiscard]] size_t Index(int64_t u, int64_t v) const {
-    return static_cast<size_t>((v - plan.rect.v0) * plan.rect.Width() + u - plan.rect.u0);
-  }
+/// Buffers of Combine, to be reused.
+struct CombineScratch {
+  std::vector<float> densities;
 };
 
 /// Passes F and K of every split pixel down to its children and composites: a leaf pixel becomes
 /// F_0 over F_1 ... over F_leaf over K_leaf ... over K_0. With `smooth_splitting` the children take
 /// what they inherit from the split pixels around, interpolated (ALGORITHM, smooth splitting).
-[[nodiscard]] std::vector<PyramidLevel> Combine(std::vector<Layer> layers, bool smooth_splitting,
-                                                int threads);
+/// The layers' F and K grow by what they inherit; `levels` are what they show.
+void Combine(bool smooth_splitting, int threads, std::vector<Layer>* layers,
+             CombineScratch* scratch, std::vector<FrameLevel>* levels);
 
 }  // namespace fovea::render
 

@@ -8,6 +8,11 @@
 
 namespace fovea::render {
 
+/// A premultiplied colour with its cover, as in a picture.
+struct Rgba {
+  float red = 0, green = 0, blue = 0, alpha = 0;
+};
+
 /// A picture in linear light, premultiplied: R, G, B, A floats, row 0 on top. Alpha is what the
 /// volume covers; there is no background in it.
 struct Image {

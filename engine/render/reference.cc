@@ -8,10 +8,10 @@
 #include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 #include "engine/render/composite.h"
+#include "engine/render/expand.h"
 #include "engine/render/lighting.h"
 #include "engine/render/renderer.h"
 #include "engine/render/thick_ray.h"
-#include "engine/render/warp.h"
 
 namespace fovea::render {
 namespace {
@@ -260,11 +260,16 @@ template <typename Tracer>
 Image RenderSheet(const Tracer& tracer, const Int3& dims, const ShearView& view,
                   const RenderSettings& settings, RenderStats* stats) {
   Stopwatch watch;
-  PyramidLevel sheet;
-  sheet.plan.rect = SheetRect(dims, view);
-  const Rect rect = sheet.plan.rect;
+  // A frame of one level, all of its pixels leaves.
+  FoveatedFrame frame;
+  frame.sheet = SheetRect(dims, view);
+  frame.warp = view.warp;
+  frame.width_px = settings.width_px;
+  frame.height_px = settings.height_px;
+  FrameLevel& sheet = frame.levels.emplace_back();
+  const Rect rect = sheet.rect = frame.sheet;
   sheet.values.resize(static_cast<size_t>(rect.Width() * rect.Height()));
-  sheet.split.assign(sheet.values.size(), 0);
+  sheet.kinds.assign(sheet.values.size(), PixelKind::kLeaf);
   std::atomic<uint64_t> samples{0};
   ParallelFor(rect.v0, rect.v1, 8, settings.threads, [&](int64_t first, int64_t last) {
     std::vector<Pixel> pixels(static_cast<size_t>(rect.Width()));
@@ -278,7 +283,7 @@ Image RenderSheet(const Tracer& tracer, const Int3& dims, const ShearView& view,
   });
   const double render_ms = watch.RestartMs();
   Image image =
-      WarpLeaves({sheet}, rect, view, settings.width_px, settings.height_px, settings.threads);
+      Expand(frame, settings.width_px, settings.height_px, Smoothing::kNone, settings.threads);
   if (stats != nullptr) {
     *stats = {samples, render_ms, watch.RestartMs()};
   }

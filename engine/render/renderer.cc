@@ -1,12 +1,10 @@
 #include "engine/render/renderer.h"
 
 #include <cmath>
+#include <utility>
 
 #include "engine/base/stopwatch.h"
-#include "engine/render/combine.h"
-#include "engine/render/smooth.h"
-#include "engine/render/thick_ray.h"
-#include "engine/render/warp.h"
+#include "engine/render/frame_scratch.h"
 
 namespace fovea::render {
 
@@ -97,31 +95,64 @@ Status Validate(const RenderSettings& settings) {
   return absl::OkStatus();
 }
 
-StatusOr<Image> RenderFoveated(const SuperVoxels& volume, const Matrix4& index_to_world,
-                               const RenderSettings& settings, RenderStats* stats,
-                               const SuperVoxels* color_volume) {
+Status RenderFrame(const SuperVoxels& volume, const Matrix4& index_to_world,
+                   const RenderSettings& settings, FrameScratch* scratch, RenderStats* stats,
+                   const SuperVoxels* color_volume) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
   if (color_volume != nullptr) {
     FOVEA_RETURN_IF_ERROR(CheckColorVolume(volume, *color_volume, settings));
   }
   RenderStats counted;
-  Stopwatch watch;
-  const ShearView view = FactorView(settings.view, volume.retained.hierarchy().dims(),
-                                    index_to_world, settings.width_px, settings.height_px);
-  const std::vector<PyramidLevel> pyramid = Combine(
-      TraceThickRays(volume, color_volume, view, index_to_world, settings, &counted.samples),
-      settings.smoothing == Smoothing::kFull, settings.threads);
-  counted.render_ms = watch.RestartMs();
-  const Rect sheet = SheetRect(volume.retained.hierarchy().dims(), view);
-  Image image = settings.smoothing == Smoothing::kNone
-                    ? WarpLeaves(pyramid, sheet, view, settings.width_px, settings.height_px,
-                                 settings.threads)
-                    : WarpSmooth(Smooth(pyramid), sheet, view, settings.width_px,
-                                 settings.height_px, settings.threads);
-  counted.smooth_warp_ms = watch.RestartMs();
+  const Stopwatch watch;
+  const Int3& dims = volume.retained.hierarchy().dims();
+  const ShearView view =
+      FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
+  scratch->layers =
+      TraceThickRays(volume, color_volume, view, index_to_world, settings, &counted.samples);
+  FoveatedFrame& frame = scratch->frame;
+  Combine(settings.smoothing == Smoothing::kFull, settings.threads, &scratch->layers,
+          &scratch->combine, &frame.levels);
+  frame.sheet = SheetRect(dims, view);
+  frame.warp = view.warp;
+  frame.width_px = settings.width_px;
+  frame.height_px = settings.height_px;
+  counted.render_ms = watch.ElapsedMs();
   if (stats != nullptr) {
     *stats = counted;
   }
+  return absl::OkStatus();
+}
+
+StatusOr<FoveatedFrame> RenderFrame(const SuperVoxels& volume, const Matrix4& index_to_world,
+                                    const RenderSettings& settings, RenderStats* stats,
+                                    const SuperVoxels* color_volume) {
+  FrameScratch scratch;
+  FOVEA_RETURN_IF_ERROR(
+      RenderFrame(volume, index_to_world, settings, &scratch, stats, color_volume));
+  return std::move(scratch.frame);
+}
+
+Status RenderFoveated(const SuperVoxels& volume, const Matrix4& index_to_world,
+                      const RenderSettings& settings, FrameScratch* scratch, Image* image,
+                      RenderStats* stats, const SuperVoxels* color_volume) {
+  FOVEA_RETURN_IF_ERROR(
+      RenderFrame(volume, index_to_world, settings, scratch, stats, color_volume));
+  const Stopwatch watch;
+  Expand(scratch->frame, settings.width_px, settings.height_px, settings.smoothing,
+         settings.threads, &scratch->expand, image);
+  if (stats != nullptr) {
+    stats->smooth_warp_ms = watch.ElapsedMs();
+  }
+  return absl::OkStatus();
+}
+
+StatusOr<Image> RenderFoveated(const SuperVoxels& volume, const Matrix4& index_to_world,
+                               const RenderSettings& settings, RenderStats* stats,
+                               const SuperVoxels* color_volume) {
+  FrameScratch scratch;
+  Image image;
+  FOVEA_RETURN_IF_ERROR(
+      RenderFoveated(volume, index_to_world, settings, &scratch, &image, stats, color_volume));
   return image;
 }
 

@@ -8,6 +8,7 @@
 
 #include "engine/base/status.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/foveated_frame.h"
 #include "engine/render/image.h"
 #include "engine/render/transfer_function.h"
 #include "engine/render/view.h"
@@ -57,10 +58,6 @@ struct Clip {
   friend bool operator==(const Clip&, const Clip&) = default;
 };
 
-/// kNone: the paper's staircase. kImage: its section 5, space-variant smoothing of the picture.
-/// kFull: thick rays are also split smoothly, so that the foreground of the fovea has no blocks.
-enum class Smoothing { kNone, kImage, kFull };
-
 inline constexpr int kMaxPicturePixels = 16384;  // a side
 
 struct RenderSettings {
@@ -88,15 +85,35 @@ struct RenderStats {
 /// INVALID_ARGUMENT naming field, value and range.
 [[nodiscard]] Status Validate(const RenderSettings& settings);
 
-/// The rendering phase, O(n^2 + m): thick rays through the super-voxels, combined, smoothed and
-/// warped to the picture. Depends on its arguments only, not on threads. Thread-safe.
-/// `color_volume`, if given, is a second field of the same retained set, whose values are coloured
-/// by settings.color_transfer; INVALID_ARGUMENT if it is of another.
+struct FrameScratch;  // frame_scratch.h
+
+/// The rendering phase, O(n^2 + m): thick rays through the super-voxels, combined (RenderFrame),
+/// then smoothed and warped to the picture (Expand). Depends on its arguments only, not on
+/// threads. Thread-safe. `color_volume`, if given, is a second field of the same retained set,
+/// whose values are coloured by settings.color_transfer; INVALID_ARGUMENT if it is of another.
 [[nodiscard]] StatusOr<Image> RenderFoveated(const SuperVoxels& volume,
                                              const Matrix4& index_to_world,
                                              const RenderSettings& settings,
                                              RenderStats* stats = nullptr,
                                              const SuperVoxels* color_volume = nullptr);
+/// The same into `image`, in buffers kept from frame to frame.
+[[nodiscard]] Status RenderFoveated(const SuperVoxels& volume, const Matrix4& index_to_world,
+                                    const RenderSettings& settings, FrameScratch* scratch,
+                                    Image* image, RenderStats* stats = nullptr,
+                                    const SuperVoxels* color_volume = nullptr);
+
+/// The pyramid alone, O(m). Expand(frame, width_px, height_px, settings.smoothing) is
+/// RenderFoveated's picture, bit by bit.
+[[nodiscard]] StatusOr<FoveatedFrame> RenderFrame(const SuperVoxels& volume,
+                                                  const Matrix4& index_to_world,
+                                                  const RenderSettings& settings,
+                                                  RenderStats* stats = nullptr,
+                                                  const SuperVoxels* color_volume = nullptr);
+/// The same into scratch->frame.
+[[nodiscard]] Status RenderFrame(const SuperVoxels& volume, const Matrix4& index_to_world,
+                                 const RenderSettings& settings, FrameScratch* scratch,
+                                 RenderStats* stats = nullptr,
+                                 const SuperVoxels* color_volume = nullptr);
 
 /// Full-resolution direct rendering (Yu et al., eq. (3), every voxel) of a whole volume, on the
 /// same sheared grid and with the same warp: what RenderFoveated is held against. The transfer

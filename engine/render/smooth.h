@@ -3,17 +3,35 @@
 
 #include <vector>
 
-#include "engine/render/combine.h"
+#include "engine/render/foveated_frame.h"
 
 namespace fovea::render {
 
+/// How much of a bilinear cell (four neighbouring pixels) is the level's own.
+enum class CellKind : uint8_t { kNone, kMixed, kFull };
+
 /// One level of the foveated image, ready to be interpolated: each pixel's value times its weight,
-/// and the weight. It is 1 inside, falls to 0 over a few pixels towards the edge of what the level
-/// has, and is 1 with a transparent value where there is no volume.
+/// and the weight in halves. It is 1 inside, falls to 0 over two pixels towards the edge of what
+/// the level has. A border of kBorder pixels holds what interpolation meets outside rect: nothing
+/// (weight 0) towards a coarser level; beyond the volume, transparency with the weight of the
+/// pixel next to it between pixels one voxel wide, as in the full-resolution picture, and the
+/// pixel itself between wider ones.
 struct SmoothLevel {
-  LevelPlan plan;
+  static constexpr int64_t kBorder = 3;
+
+  int64_t width = 1;
+  Rect rect;
+  int64_t stride = 0;             // of rows
+  std::vector<Rgba> values;       // of rect only: leaves, and means of split pixels' children
+  std::vector<uint8_t> presence;  // 1 where the level has the pixel
   std::vector<Rgba> weighted;
-  std::vector<float> weights;
+  std::vector<uint8_t> halves;  // the weight times 2
+  std::vector<CellKind> cells;  // of the pixel, and those after it in u, v and both
+
+  /// Of a pixel of rect or its border.
+  [[nodiscard]] size_t Index(int64_t u, int64_t v) const {
+    return static_cast<size_t>((v - rect.v0 + kBorder) * stride + u - rect.u0 + kBorder);
+  }
 };
 
 /// Space-variant smoothing, Yu et al., section 5: the foveated image rebuilt with a smooth basis
@@ -21,7 +39,7 @@ struct SmoothLevel {
 ///   v_l(p) = (1 - w_l(p)) v_{l-1}(p) + (w a)_l(p),
 /// w_l and (w a)_l the bilinear interpolants of level l. Thick pixels are smoothed over their own
 /// width; where the finest level has all four taps the value is that level's alone.
-[[nodiscard]] std::vector<SmoothLevel> Smooth(const std::vector<PyramidLevel>& pyramid);
+void Smooth(const std::vector<FrameLevel>& frame, int threads, std::vector<SmoothLevel>* levels);
 
 }  // namespace fovea::render
 

@@ -1,148 +1,67 @@
 #include "engine/render/warp.h"
 
 #include <algorithm>
-#include <cmath>
+#include <functional>
 
 #include "engine/base/parallel.h"
+#include "engine/render/rgba_vector.h"
+#include "engine/render/warp_line.h"
 
 namespace fovea::render {
 namespace {
 
-/// Calls `sample(U, V)` (sheared coordinates, voxels) for every pixel of the picture.
-template <typename Sample>
-Image WarpWith(const ShearView& view, int width_px, int height_px, int threads,
-               const Sample& sample) {
-  Image image;
-  image.width = width_px;
-  image.height = height_px;
-  image.rgba.resize(4 * static_cast<size_t>(width_px) * static_cast<size_t>(height_px));
-  const std::array<double, 6>& m = view.warp;
-  ParallelFor(0, height_px, 8, threads, [&](int64_t first, int64_t last) {
-    for (int64_t j = first; j < last; ++j) {
-      float* out = image.rgba.data() + 4 * j * width_px;
-      for (int64_t i = 0; i < width_px; ++i, out += 4) {
-        const auto column = static_cast<double>(i);
-        const auto row = static_cast<double>(j);
-        const Rgba value =
-            sample(m[0] * column + m[1] * row + m[2], m[3] * column + m[4] * row + m[5]);
-        out[0] = value.red;
-        out[1] = value.green;
-        out[2] = value.blue;
-        out[3] = value.alpha;
-      }
-    }
-  });
-  return image;
-}
+constexpr int64_t kRowsInPiece = 16;
 
-Rgba Mix(const Rgba& a, const Rgba& b, float f) {
-  const float g = 1 - f;
-  return {g * a.red + f * b.red, g * a.green + f * b.green, g * a.blue + f * b.blue,
-          g * a.alpha + f * b.alpha};
-}
-
-/// The value of the leaf that the voxel-wide pixel (u, v) lies in. `finest` is L.
-Rgba LeafAt(const std::vector<PyramidLevel>& pyramid, const Rect& sheet, int finest, int64_t u,
-            int64_t v) {
-  Rgba value;
-  if (!sheet.Contains(u, v)) {
-    return value;
-  }
-  for (const PyramidLevel& level : pyramid) {
-    const int shift = finest - level.plan.level;
-    const int64_t lu = u >> shift;
-    const int64_t lv = v >> shift;
-    if (!level.plan.rect.Contains(lu, lv)) {
-      break;
-    }
-    const size_t i = level.Index(lu, lv);
-    if (level.split[i] == 0) {
-      value = level.values[i];
-      break;
-    }
-  }
-  return value;
-}
-
-int FinestLevel(const PyramidLevel& coarsest) {
-  int finest = 0;
-  while ((int64_t{1} << finest) < coarsest.plan.width) {
-    ++finest;
-  }
-  return finest;
-}
-
-}  // namespace
-
-Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const Rect& sheet, const ShearView& view,
-                 int width_px, int height_px, int threads) {
-  const int finest = FinestLevel(pyramid.front());
-  return WarpWith(view, width_px, height_px, threads, [&](double at_u, double at_v) {
-    const double floor_u = std::floor(at_u - 0.5);
-    const double floor_v = std::floor(at_v - 0.5);
-    const auto u = static_cast<int64_t>(floor_u);
-    const auto v = static_cast<int64_t>(floor_v);
-    const auto fu = static_cast<float>(at_u - 0.5 - floor_u);
-    const auto fv = static_cast<float>(at_v - 0.5 - floor_v);
-    const auto leaf = [&](int64_t du, int64_t dv) {
-      return LeafAt(pyramid, sheet, finest, u + du, v + dv);
-    };
-    return Mix(Mix(leaf(0, 0), leaf(1, 0), fu), Mix(leaf(0, 1), leaf(1, 1), fu), fv);
-  });
-}
-
-namespace {
-
-/// One level interpolated at a point: the sum of value times weight, and of the weights.
-struct Interpolated {
-  Rgba weighted;
-  float weight = 0;
+/// Columns of a row over which the finest level that can matter is the same.
+struct Segment {
+  Columns columns;
+  int finest = -1;   // -1: nothing is drawn
+  bool edge = true;  // whether a column may be less than half a voxel inside the sheet's edge
 };
 
-void AddScaled(const Rgba& from, float scale, Rgba* to) {
-  to->red += scale * from.red;
-  to->green += scale * from.green;
-  to->blue += scale * from.blue;
-  to->alpha += scale * from.alpha;
+/// Cuts the row into segments. `levels[l]` is where level l has weight; these intervals nest.
+template <typename Work>
+void ForSegments(const SheetLine& line, const Rect& sheet,
+                 const std::array<Columns, kMostFrameLevels>& levels, int count, const Work& work) {
+  const Columns inner = line.Within(sheet, 1, -0.5);
+  int64_t at = 0;
+  while (at < line.width) {
+    Segment segment;
+    segment.columns = {at, line.width};
+    for (int l = 0; l < count; ++l) {
+      if (levels[l].Contains(at)) {
+        segment.finest = l;
+        segment.columns.end = std::min(segment.columns.end, levels[l].end);
+      } else if (levels[l].begin > at && levels[l].begin < levels[l].end) {
+        segment.columns.end = std::min(segment.columns.end, levels[l].begin);
+      }
+    }
+    segment.edge = !inner.Contains(at);
+    const int64_t cut = segment.edge ? inner.begin : inner.end;
+    if (cut > at) {
+      segment.columns.end = std::min(segment.columns.end, cut);
+    }
+    work(segment);
+    at = segment.columns.end;
+  }
 }
 
-/// Bilinear. A tap where there is no volume counts as transparent between pixels one voxel wide,
-/// as in the full-resolution picture; a wider pixel's neighbour in the void is left out, and the
-/// others make up for it.
-Interpolated Interpolate(const SmoothLevel& level, double at_u, double at_v) {
-  const Rect& rect = level.plan.rect;
-  const double x = at_u / static_cast<double>(level.plan.width) - 0.5;
-  const double y = at_v / static_cast<double>(level.plan.width) - 0.5;
-  const double floor_x = std::floor(x);
-  const double floor_y = std::floor(y);
-  const auto fu = static_cast<float>(x - floor_x);
-  const auto fv = static_cast<float>(y - floor_y);
-  const auto u = static_cast<int64_t>(floor_x);
-  const auto v = static_cast<int64_t>(floor_y);
-  const float shares[4] = {(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv};
-  Interpolated sum;
-  float in_void = 0;
-  for (int tap = 0; tap < 4; ++tap) {
-    const int64_t tu = u + (tap & 1);
-    const int64_t tv = v + (tap >> 1);
-    if (rect.Contains(tu, tv)) {
-      const auto i = static_cast<size_t>((tv - rect.v0) * rect.Width() + tu - rect.u0);
-      AddScaled(level.weighted[i], shares[tap], &sum.weighted);
-      sum.weight += shares[tap] * level.weights[i];
-    } else if (level.plan.IsVoid(tu, tv)) {
-      in_void += shares[tap];
+template <typename Row>
+void ForRows(Image* image, int threads, const Row& draw) {
+  const auto rows = [&](int64_t first, int64_t last) {
+    for (int64_t j = first; j < last; ++j) {
+      draw(j, image->rgba.data() + 4 * j * image->width);
     }
-  }
-  if (level.plan.width == 1) {
-    sum.weight += in_void;
-  } else if (in_void > 0 && in_void < 1) {
-    const float scale = 1 / (1 - in_void);
-    const Rgba kept = sum.weighted;
-    sum.weighted = {};
-    AddScaled(kept, scale, &sum.weighted);
-    sum.weight *= scale;
-  }
-  return sum;
+  };
+  ParallelFor(0, image->height, kRowsInPiece, threads, std::ref(rows));
+}
+
+void Clear(const Columns& columns, float* row) {
+  std::fill(row + 4 * columns.begin, row + 4 * columns.end, 0.0F);
+}
+
+RgbaVector Bilinear(const Rgba* row0, const Rgba* row1, float fu, float fv) {
+  return Mix(Mix(Load(row0[0]), Load(row0[1]), fu), Mix(Load(row1[0]), Load(row1[1]), fu), fv);
 }
 
 /// How much of a point lies within reach of the sheet's pixels, which end between pixel centres:
@@ -155,20 +74,165 @@ float CoverOf(const Rect& sheet, double at_u, double at_v) {
   return static_cast<float>(std::clamp(u + 0.5, 0.0, 1.0) * std::clamp(v + 0.5, 0.0, 1.0));
 }
 
+/// One row of the smoothed picture.
+class SmoothRow {
+ public:
+  SmoothRow(const std::vector<SmoothLevel>& levels, const Rect& sheet, const SheetLine& line)
+      : levels_(levels.data()), sheet_(sheet), line_(line) {
+    constexpr int64_t kBorder = SmoothLevel::kBorder;
+    const Columns drawn = line.Within(sheet, 1, 0.5);
+    for (const SmoothLevel& level : levels) {
+      // Bilinear interpolation reaches half a pixel beyond a level's edge.
+      const auto width = static_cast<double>(level.width);
+      const Columns columns = Intersect(drawn, line.Within(level.rect, width, width / 2));
+      lines_[count_] =
+          FixedLine(line, columns.begin, width, level.rect.u0 - kBorder, level.rect.v0 - kBorder);
+      columns_[count_++] = columns;
+    }
+  }
+
+  void Draw(float* row) const {
+    ForSegments(line_, sheet_, columns_, count_, [&](const Segment& segment) {
+      if (segment.finest < 0) {
+        Clear(segment.columns, row);
+      } else if (segment.edge) {
+        DrawSegment<true>(segment, row);
+      } else {
+        DrawSegment<false>(segment, row);
+      }
+    });
+  }
+
+ private:
+  template <bool kEdge>
+  void DrawSegment(const Segment& segment, float* row) const {
+    for (int64_t i = segment.columns.begin; i < segment.columns.end; ++i) {
+      float cover = 1;
+      if (kEdge) {
+        const auto column = static_cast<double>(i);
+        cover = CoverOf(sheet_, line_.u + line_.du * column, line_.v + line_.dv * column);
+      }
+      RgbaVector value = {};
+      float left = 1;
+      for (int l = segment.finest; l >= 0 && left > 1e-6F; --l) {
+        const SmoothLevel& level = levels_[l];
+        const FixedLine::Point p = lines_[l].At(i);
+        const auto at = static_cast<size_t>(p.v * level.stride + p.u);
+        const CellKind cell = level.cells[at];
+        if (cell == CellKind::kNone) {
+          continue;
+        }
+        const RgbaVector own =
+            Bilinear(&level.weighted[at], &level.weighted[at + level.stride], p.fu, p.fv);
+        // Between pixels one voxel wide the sheet's edge fades by itself.
+        value += (!kEdge || level.width == 1 ? left : left * cover) * own;
+        left *= cell == CellKind::kFull ? 0 : 1 - WeightAt(level, at, p);
+      }
+      Store(value, row + 4 * i);
+    }
+  }
+
+  static float WeightAt(const SmoothLevel& level, size_t at, const FixedLine::Point& p) {
+    const auto weigh = [&](size_t tap) {
+      const auto first = static_cast<float>(level.halves[tap]);
+      return first + p.fu * (static_cast<float>(level.halves[tap + 1]) - first);
+    };
+    const float near = weigh(at);
+    return 0.5F * (near + p.fv * (weigh(at + level.stride) - near));
+  }
+
+  const SmoothLevel* levels_;
+  const Rect& sheet_;
+  const SheetLine& line_;
+  std::array<Columns, kMostFrameLevels> columns_;
+  std::array<FixedLine, kMostFrameLevels> lines_;
+  int count_ = 0;
+};
+
+/// One row of the picture without smoothing.
+class LeafRow {
+ public:
+  LeafRow(const std::vector<FrameLevel>& levels, const Rect& sheet, const SheetLine& line)
+      : levels_(levels.data()), coarsest_width_log2_(0), sheet_(sheet), line_(line) {
+    const Columns drawn = line.Within(sheet, 1, 0.5);
+    for (const FrameLevel& level : levels) {
+      columns_[count_++] =
+          Intersect(drawn, line.Within(level.rect, static_cast<double>(level.width), 0.5));
+    }
+    while ((int64_t{1} << coarsest_width_log2_) < levels.front().width) {
+      ++coarsest_width_log2_;
+    }
+    voxels_ = FixedLine(line, columns_[0].begin, 1, sheet.u0, sheet.v0);
+  }
+
+  void Draw(float* row) const {
+    ForSegments(line_, sheet_, columns_, count_, [&](const Segment& segment) {
+      if (segment.finest < 0) {
+        Clear(segment.columns, row);
+        return;
+      }
+      for (int64_t i = segment.columns.begin; i < segment.columns.end; ++i) {
+        const FixedLine::Point p = voxels_.At(i);
+        Store(Between(p.u + sheet_.u0, p.v + sheet_.v0, p, segment.finest), row + 4 * i);
+      }
+    });
+  }
+
+ private:
+  [[nodiscard]] RgbaVector Between(int64_t u, int64_t v, const FixedLine::Point& p,
+                                   int finest) const {
+    const FrameLevel& level = levels_[finest];
+    if (level.width == 1 && level.rect.Contains(u, v) && level.rect.Contains(u + 1, v + 1)) {
+      const size_t at = level.Index(u, v);
+      const PixelKind* kinds = &level.kinds[at];
+      const int64_t below = level.rect.Width();
+      if (kinds[0] == PixelKind::kLeaf && kinds[1] == PixelKind::kLeaf &&
+          kinds[below] == PixelKind::kLeaf && kinds[below + 1] == PixelKind::kLeaf) {
+        return Bilinear(&level.values[at], &level.values[at + below], p.fu, p.fv);
+      }
+    }
+    return Mix(Mix(LeafAt(u, v, finest), LeafAt(u + 1, v, finest), p.fu),
+               Mix(LeafAt(u, v + 1, finest), LeafAt(u + 1, v + 1, finest), p.fu), p.fv);
+  }
+
+  /// The value of the leaf that the voxel-wide pixel (u, v) lies in.
+  [[nodiscard]] RgbaVector LeafAt(int64_t u, int64_t v, int finest) const {
+    for (int l = finest; l >= 0 && sheet_.Contains(u, v); --l) {
+      const FrameLevel& level = levels_[l];
+      const int shift = coarsest_width_log2_ - l;
+      const int64_t lu = u >> shift;
+      const int64_t lv = v >> shift;
+      if (level.rect.Contains(lu, lv) && level.kinds[level.Index(lu, lv)] == PixelKind::kLeaf) {
+        return Load(level.values[level.Index(lu, lv)]);
+      }
+    }
+    return RgbaVector{};
+  }
+
+  const FrameLevel* levels_;
+  int coarsest_width_log2_;  // of level 0's width
+  const Rect& sheet_;
+  const SheetLine& line_;
+  std::array<Columns, kMostFrameLevels> columns_;
+  int count_ = 0;
+  FixedLine voxels_;
+};
+
 }  // namespace
 
-Image WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& sheet, const ShearView& view,
-                 int width_px, int height_px, int threads) {
-  return WarpWith(view, width_px, height_px, threads, [&](double at_u, double at_v) {
-    Rgba value;
-    const float cover = CoverOf(sheet, at_u, at_v);
-    float left = cover > 0 ? 1 : 0;
-    for (size_t l = levels.size(); l-- > 0 && left > 1e-6F;) {
-      const Interpolated level = Interpolate(levels[l], at_u, at_v);
-      AddScaled(level.weighted, levels[l].plan.width == 1 ? left : left * cover, &value);
-      left *= 1 - level.weight;
-    }
-    return value;
+void WarpLeaves(const std::vector<FrameLevel>& levels, const Rect& sheet,
+                const std::array<double, 6>& warp, int threads, Image* image) {
+  ForRows(image, threads, [&](int64_t j, float* row) {
+    const SheetLine line(warp, j, image->width);
+    LeafRow(levels, sheet, line).Draw(row);
+  });
+}
+
+void WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& sheet,
+                const std::array<double, 6>& warp, int threads, Image* image) {
+  ForRows(image, threads, [&](int64_t j, float* row) {
+    const SheetLine line(warp, j, image->width);
+    SmoothRow(levels, sheet, line).Draw(row);
   });
 }
 

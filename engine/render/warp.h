@@ -1,25 +1,26 @@
 #ifndef ENGINE_RENDER_WARP_H_
 #define ENGINE_RENDER_WARP_H_
 
+#include <array>
 #include <vector>
 
-#include "engine/render/combine.h"
+#include "engine/render/foveated_frame.h"
 #include "engine/render/image.h"
 #include "engine/render/smooth.h"
-#include "engine/render/view.h"
 
 /// Sheared image to picture, the only step that visits every pixel of the picture. Bilinear on
 /// premultiplied linear values. Pixel (U, V) of a level has its centre at (U + 1/2, V + 1/2) w.
+/// `warp` is ShearView::warp; the image has its size, and is overwritten.
 namespace fovea::render {
 
 /// The staircase: between pixels one voxel wide, each with the value of the leaf it lies in.
 /// Pixels outside `sheet` (SheetRect) are transparent.
-[[nodiscard]] Image WarpLeaves(const std::vector<PyramidLevel>& pyramid, const Rect& sheet,
-                               const ShearView& view, int width_px, int height_px, int threads);
+void WarpLeaves(const std::vector<FrameLevel>& levels, const Rect& sheet,
+                const std::array<double, 6>& warp, int threads, Image* image);
 
 /// The smoothed foveated image (Smooth), evaluated at every pixel of the picture.
-[[nodiscard]] Image WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& sheet,
-                               const ShearView& view, int width_px, int height_px, int threads);
+void WarpSmooth(const std::vector<SmoothLevel>& levels, const Rect& sheet,
+                const std::array<double, 6>& warp, int threads, Image* image);
 
 }  // namespace fovea::render
 
