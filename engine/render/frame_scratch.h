@@ -1,8 +1,6 @@
 #ifndef ENGINE_RENDER_FRAME_SCRATCH_H_
 #define ENGINE_RENDER_FRAME_SCRATCH_H_
 
-#include <vector>
-
 #include "engine/render/combine.h"
 #include "engine/render/expand.h"
 #include "engine/render/foveated_frame.h"
@@ -14,7 +12,7 @@ namespace fovea::render {
 /// so that frames of the same shape allocate nothing. Any frame may follow any other. For one
 /// frame at a time; frames rendered at the same time need one each.
 struct FrameScratch {
-  std::vector<Layer> layers;
+  TraceScratch trace;
   CombineScratch combine;
   FoveatedFrame frame;
   ExpandScratch expand;

@@ -303,19 +303,17 @@ void LevelTracer::FindSpent(Side side, int64_t v, const std::vector<float>& reac
   }
 }
 
-Layer EmptyLayer(const FrameInputs& frame, LevelPlan plan) {
+void ClearLayer(const FrameInputs& frame, LevelPlan plan, Layer* layer) {
   const auto pixels = static_cast<size_t>(plan.rect.Width() * plan.rect.Height());
-  Layer layer;
-  layer.plan = std::move(plan);
-  layer.front.Clear(pixels);
-  layer.back.Clear(pixels);
-  layer.split.resize(pixels);
+  layer->plan = std::move(plan);
+  layer->front.Clear(pixels);
+  layer->back.Clear(pixels);
+  layer->split.assign(pixels, 0);
   if (frame.settings.compositing == Compositing::kMaximum) {
-    for (Gathered* side : {&layer.front, &layer.back}) {
+    for (Gathered* side : {&layer->front, &layer->back}) {
       side->red.assign(pixels, -std::numeric_limits<float>::infinity());
     }
   }
-  return layer;
 }
 
 namespace {

@@ -97,8 +97,8 @@ class LevelTracer {
   std::vector<Slice> prepared_;
 };
 
-/// An image of a level on which nothing was traced yet.
-[[nodiscard]] Layer EmptyLayer(const FrameInputs& frame, LevelPlan plan);
+/// Makes `layer` an image of a level on which nothing was traced yet.
+void ClearLayer(const FrameInputs& frame, LevelPlan plan, Layer* layer);
 /// What is left to do once all slices of all levels are traced: depths are summed up, maxima become
 /// what they look like.
 void FinishLayers(const FrameInputs& frame, std::vector<Layer>* layers);

@@ -5,6 +5,7 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/render/frame_scratch.h"
+#include "engine/render/fused.h"
 
 namespace fovea::render {
 
@@ -71,6 +72,18 @@ Status CheckColorVolume(const SuperVoxels& volume, const SuperVoxels& color,
   return absl::OkStatus();
 }
 
+/// scratch->trace.layers to scratch->frame.
+void CombineLayers(const Int3& dims, const ShearView& view, const RenderSettings& settings,
+                   FrameScratch* scratch) {
+  FoveatedFrame& frame = scratch->frame;
+  Combine(settings.smoothing == Smoothing::kFull, settings.threads, &scratch->trace.layers,
+          &scratch->combine, &frame.levels);
+  frame.sheet = SheetRect(dims, view);
+  frame.warp = view.warp;
+  frame.width_px = settings.width_px;
+  frame.height_px = settings.height_px;
+}
+
 }  // namespace
 
 Status Validate(const RenderSettings& settings) {
@@ -107,15 +120,9 @@ Status RenderFrame(const SuperVoxels& volume, const Matrix4& index_to_world,
   const Int3& dims = volume.retained.hierarchy().dims();
   const ShearView view =
       FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
-  scratch->layers =
-      TraceThickRays(volume, color_volume, view, index_to_world, settings, &counted.samples);
-  FoveatedFrame& frame = scratch->frame;
-  Combine(settings.smoothing == Smoothing::kFull, settings.threads, &scratch->layers,
-          &scratch->combine, &frame.levels);
-  frame.sheet = SheetRect(dims, view);
-  frame.warp = view.warp;
-  frame.width_px = settings.width_px;
-  frame.height_px = settings.height_px;
+  counted.samples =
+      TraceThickRays(volume, color_volume, view, index_to_world, settings, &scratch->trace);
+  CombineLayers(dims, view, settings, scratch);
   counted.render_ms = watch.ElapsedMs();
   if (stats != nullptr) {
     *stats = counted;
@@ -153,6 +160,35 @@ StatusOr<Image> RenderFoveated(const SuperVoxels& volume, const Matrix4& index_t
   Image image;
   FOVEA_RETURN_IF_ERROR(
       RenderFoveated(volume, index_to_world, settings, &scratch, &image, stats, color_volume));
+  return image;
+}
+
+StatusOr<Image> RenderFused(CoefficientSource& source, const RetainedSet& retained,
+                            const Matrix4& index_to_world, const RenderSettings& settings,
+                            FusedStats* stats, CoefficientSource* color) {
+  FOVEA_RETURN_IF_ERROR(Validate(settings));
+  if (color != nullptr) {
+    FOVEA_RETURN_IF_ERROR(Validate(settings.color_transfer));
+    if (color->hierarchy() != retained.hierarchy()) {
+      return InvalidArgument("the field of colours has another size than that of opacities");
+    }
+  }
+  const Stopwatch watch;
+  const Int3& dims = retained.hierarchy().dims();
+  const ShearView view =
+      FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);
+  FrameScratch scratch;
+  FusedStats counted;
+  FOVEA_RETURN_IF_ERROR(TraceFused(source, color, retained, view, index_to_world, settings,
+                                   &scratch.trace, &counted));
+  CombineLayers(dims, view, settings, &scratch);
+  Image image;
+  Expand(scratch.frame, settings.width_px, settings.height_px, settings.smoothing, settings.threads,
+         &scratch.expand, &image);
+  counted.total_ms = watch.ElapsedMs();
+  if (stats != nullptr) {
+    *stats = counted;
+  }
   return image;
 }
 

@@ -24,15 +24,16 @@ void Mark(const Rect& rect, const IsSpent& is_spent, SpentPixels* spent) {
   }
 }
 
-/// Whether pixel (u, v) is spent, and all pixels around it that are split.
-bool SpentAround(const Layer& layer, const std::vector<float>& left, float limit, int64_t u,
-                 int64_t v) {
+/// Whether pixel (u, v) is spent, and all pixels around it, or all of those that are split.
+bool SpentAround(const Layer& layer, const std::vector<float>& left, float limit, bool all,
+                 int64_t u, int64_t v) {
   if (left[layer.Index(u, v)] >= limit) {
     return false;
   }
   for (int64_t dv = -1; dv <= 1; ++dv) {
     for (int64_t du = -1; du <= 1; ++du) {
-      if (layer.IsSplit(u + du, v + dv) && left[layer.Index(u + du, v + dv)] >= limit) {
+      if ((all ? layer.plan.rect.Contains(u + du, v + dv) : layer.IsSplit(u + du, v + dv)) &&
+          left[layer.Index(u + du, v + dv)] >= limit) {
         return false;
       }
     }
@@ -80,7 +81,7 @@ void PassDownReach(const Layer& parent, const std::vector<float>& left, const La
 }
 
 void FindSpentChildren(const Layer& parent, const std::vector<float>& left, const Layer& layer,
-                       float limit, SpentPixels* spent) {
+                       float limit, bool whole_neighbourhood, SpentPixels* spent) {
   if (!AnyBelow(left, limit)) {
     spent->Clear(layer.plan.rect);
     return;
@@ -88,7 +89,8 @@ void FindSpentChildren(const Layer& parent, const std::vector<float>& left, cons
   Mark(
       layer.plan.rect,
       [&](int64_t u, int64_t v) {
-        return !parent.IsSplit(u >> 1, v >> 1) || SpentAround(parent, left, limit, u >> 1, v >> 1);
+        return !parent.IsSplit(u >> 1, v >> 1) ||
+               SpentAround(parent, left, limit, whole_neighbourhood, u >> 1, v >> 1);
       },
       spent);
 }
@@ -103,7 +105,7 @@ void FindSpent(const Layer& layer, const std::vector<float>& left, float limit,
       layer.plan.rect,
       [&](int64_t u, int64_t v) {
         const size_t i = layer.Index(u, v);
-        return layer.split[i] != 0 ? SpentAround(layer, left, limit, u, v) : left[i] < limit;
+        return layer.split[i] != 0 ? SpentAround(layer, left, limit, false, u, v) : left[i] < limit;
       },
       spent);
 }

@@ -30,9 +30,10 @@ void LeftBehindFront(const Layer& layer, const std::vector<float>& reach, std::v
 void PassDownReach(const Layer& parent, const std::vector<float>& left, const Layer& layer,
                    std::vector<float>* reach);
 
-/// The pixels of `layer` whose parents are spent: less than `limit` of their rays is left.
+/// The pixels of `layer` whose parents are spent: less than `limit` of their rays is left. While it
+/// is not yet known which pixels around will be split, all of them must be spent.
 void FindSpentChildren(const Layer& parent, const std::vector<float>& left, const Layer& layer,
-                       float limit, SpentPixels* spent);
+                       float limit, bool whole_neighbourhood, SpentPixels* spent);
 
 /// The pixels of a level that are spent themselves.
 void FindSpent(const Layer& layer, const std::vector<float>& left, float limit, SpentPixels* spent);

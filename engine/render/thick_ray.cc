@@ -61,18 +61,19 @@ namespace {
 class FrameTracer {
  public:
   FrameTracer(const FrameInputs& frame, const SuperVoxels& volume, const SuperVoxels* color,
-              std::vector<LevelPlan> plans)
-      : frame_(frame) {
-    layers_.reserve(plans.size());
-    for (LevelPlan& plan : plans) {
-      Layer& layer = layers_.emplace_back(EmptyLayer(frame, std::move(plan)));
+              std::vector<LevelPlan> plans, TraceScratch* scratch)
+      : frame_(frame), layers_(scratch->layers), reach_(scratch->reach), left_(scratch->left) {
+    layers_.resize(plans.size());
+    reach_.resize(plans.size());
+    left_.resize(plans.size());
+    for (size_t l = 0; l < plans.size(); ++l) {
+      ClearLayer(frame, std::move(plans[l]), &layers_[l]);
+      Layer& layer = layers_[l];
       const auto level = static_cast<size_t>(layer.plan.level);
       const LevelValues values{volume.levels[level], volume.blocks[level],
                                color != nullptr ? &color->levels[level] : nullptr};
       tracers_.push_back(std::make_unique<LevelTracer>(frame, values, layer.plan.slices, &layer));
     }
-    reach_.resize(layers_.size());
-    left_.resize(layers_.size());
   }
 
   uint64_t TraceAll() {
@@ -85,7 +86,8 @@ class FrameTracer {
       } else {
         LeftBehindFront(layers_[l - 1], reach_[l - 1], &left_[l - 1]);
         PassDownReach(layers_[l - 1], left_[l - 1], layers_[l], &reach_[l]);
-        FindSpentChildren(layers_[l - 1], left_[l - 1], layers_[l], limit, &spent);
+        FindSpentChildren(layers_[l - 1], left_[l - 1], layers_[l], limit,
+                          /*whole_neighbourhood=*/false, &spent);
       }
       Trace(LevelTracer::Side::kFront, l, &spent);
     }
@@ -101,8 +103,6 @@ class FrameTracer {
     FinishLayers(frame_, &layers_);
     return samples_;
   }
-
-  std::vector<Layer> Take() { return std::move(layers_); }
 
  private:
   void Trace(LevelTracer::Side side, size_t l, SpentPixels* spent) {
@@ -135,25 +135,31 @@ class FrameTracer {
   }
 
   const FrameInputs& frame_;
-  std::vector<Layer> layers_;
+  std::vector<Layer>& layers_;
+  std::vector<std::vector<float>>& reach_;
+  std::vector<std::vector<float>>& left_;
   std::vector<std::unique_ptr<LevelTracer>> tracers_;
-  std::vector<std::vector<float>> reach_;  // what arrives at the level
-  std::vector<std::vector<float>> left_;   // what is left behind it
   std::atomic<uint64_t> samples_{0};
 };
 
 }  // namespace
 
+uint64_t TraceThickRays(const SuperVoxels& volume, const SuperVoxels* color, const ShearView& view,
+                        const Matrix4& index_to_world, const RenderSettings& settings,
+                        TraceScratch* scratch) {
+  const FrameInputs frame(volume.retained, color != nullptr, view, index_to_world, settings);
+  return FrameTracer(frame, volume, color, PlanLevels(volume.retained, view), scratch).TraceAll();
+}
+
 std::vector<Layer> TraceThickRays(const SuperVoxels& volume, const SuperVoxels* color,
                                   const ShearView& view, const Matrix4& index_to_world,
                                   const RenderSettings& settings, uint64_t* samples) {
-  const FrameInputs frame(volume.retained, color != nullptr, view, index_to_world, settings);
-  FrameTracer tracer(frame, volume, color, PlanLevels(volume.retained, view));
-  const uint64_t met = tracer.TraceAll();
+  TraceScratch scratch;
+  const uint64_t met = TraceThickRays(volume, color, view, index_to_world, settings, &scratch);
   if (samples != nullptr) {
     *samples = met;
   }
-  return tracer.Take();
+  return std::move(scratch.layers);
 }
 
 }  // namespace fovea::render

@@ -55,6 +55,18 @@ struct Layer {
                                                 const Matrix4& index_to_world,
                                                 const RenderSettings& settings, uint64_t* samples);
 
+/// Buffers that keep their capacity from frame to frame.
+struct TraceScratch {
+  std::vector<Layer> layers;
+  std::vector<std::vector<float>> reach;  // by level: what arrives of each ray
+  std::vector<std::vector<float>> left;   // by level: what is left of it
+};
+
+/// The same into scratch->layers; returns the samples met.
+uint64_t TraceThickRays(const SuperVoxels& volume, const SuperVoxels* color, const ShearView& view,
+                        const Matrix4& index_to_world, const RenderSettings& settings,
+                        TraceScratch* scratch);
+
 /// The weighting and clipping along row v of slice k, pixels and slices `width` voxels wide.
 /// `thickness` is the slab's, in slices: 1, or less at the far border.
 [[nodiscard]] WeightedRow MakeWeightedRow(const ShearView& view, const Matrix4& index_to_world,

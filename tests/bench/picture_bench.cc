@@ -107,7 +107,7 @@ void Run(const Options& options) {
     Timings& t = round == 0 ? untimed : timings;
     (void)RenderFoveated(volume, Matrix4{}, settings, &scratch, &image).ok();
     const render::FoveatedFrame& frame = scratch.frame;
-    std::vector<render::Layer> layers = scratch.layers;
+    std::vector<render::Layer> layers = scratch.trace.layers;
     const size_t size = image.rgba.size() * sizeof(float);
     t.Time("memset", [&] { std::memset(image.rgba.data(), round, size); });
     t.Time("combine",
