@@ -17,6 +17,14 @@ bool UsesTables(bool with_colors, const RenderSettings& settings) {
          (with_colors && KernelFunction::NeedsTable(settings.color_transfer));
 }
 
+double MostOpacity(const TransferFunction& transfer) {
+  float most = 0;
+  for (const TransferFunction::Point& point : transfer.points) {
+    most = std::max(most, point.opacity);
+  }
+  return most;
+}
+
 }  // namespace
 
 FrameInputs::FrameInputs(const RetainedSet& retained, bool with_colors, const ShearView& sheared,
@@ -39,7 +47,9 @@ LevelTracer::LevelTracer(const FrameInputs& frame, const LevelValues& values,
     : frame_(frame),
       layer_(*layer),
       slices_(values.grid, frame.view, frame.settings.threads),
-      live_(values.blocks, values.grid.box, frame.transparent, frame.view) {
+      live_(values.blocks, values.grid.box, frame.transparent, frame.view),
+      cover_(static_cast<double>(layer->plan.width) * frame.view.step_length,
+             MostOpacity(frame.settings.transfer)) {
   if (values.color != nullptr) {
     color_slices_.emplace(*values.color, frame.view, frame.settings.threads);
   }
@@ -205,6 +215,7 @@ void LevelTracer::Composite(const Slice& slice, Side side, const std::vector<Sla
   slab.fv = slice.fv;
   slab.length = static_cast<float>(static_cast<double>(layer_.plan.width) * slice.plan->thickness *
                                    frame_.view.step_length);
+  slab.cover = slice.plan->thickness == 1.0 ? &cover_ : nullptr;
   slab.red = into.red.data();
   slab.green = into.green.data();
   slab.blue = into.blue.data();

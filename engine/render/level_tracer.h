@@ -94,6 +94,7 @@ class LevelTracer {
   SliceView slices_;
   std::optional<SliceView> color_slices_;
   LiveBlocks live_;
+  SlabCover cover_;  // of slabs one slice thick
   std::vector<Slice> prepared_;
 };
 

@@ -212,12 +212,14 @@ HWY_INLINE void Shade(const KernelLight& light, const Weights& weights, const Ta
   c->blue = hn::Min(hn::MulAdd(c->blue, lit, gloss), one);
 }
 
-template <bool kTable, bool kTwoFields, bool kShaded>
+template <bool kTable, bool kTwoFields, bool kShaded, bool kPolynomial>
 class Compositor {
  public:
   Compositor(const KernelFunction& function, const KernelFunction& color, const KernelLight* light,
              const Slab& slab)
-      : function_(function), color_(color), light_(light), slab_(slab), weights_(slab) {}
+      : function_(function), color_(color), light_(light), slab_(slab), weights_(slab) {
+    cover_count_ = kPolynomial ? slab.cover->count : 0;
+  }
 
   HWY_INLINE void Run(const SlabRun& run) const {
     const D d;
@@ -257,21 +259,31 @@ class Compositor {
     if constexpr (kShaded) {
       Shade(*light_, weights_, taps, slab_.slice_stride, &c);
     }
-    const V transmitted = Transmitted(c.opacity, pixel, row_of);
     const V before = row_of(slab_.transmittance + pixel).Load(0);
-    const V weight = hn::NegMulAdd(before, transmitted, before);
+    const V weight = hn::Mul(
+        before, kPolynomial ? CoverByPolynomial(c.opacity) : Cover(c.opacity, pixel, row_of));
     const auto add = [&](float* plane, V color) HWY_ATTR {
       store(hn::MulAdd(weight, color, row_of(plane + pixel).Load(0)), plane + pixel);
     };
     add(slab_.red, c.red);
     add(slab_.green, c.green);
     add(slab_.blue, c.blue);
-    store(hn::Mul(before, transmitted), slab_.transmittance + pixel);
+    store(hn::Sub(before, weight), slab_.transmittance + pixel);
   }
 
-  /// What a slab lets through, (1 - D alpha)^length, from the opacity or its logarithm.
+  HWY_INLINE V CoverByPolynomial(V opacity) const {
+    const D d;
+    V sum = hn::Set(d, slab_.cover->coefficients[0]);
+    for (int i = 1; i < cover_count_; ++i) {
+      sum = hn::MulAdd(sum, opacity, hn::Set(d, slab_.cover->coefficients[static_cast<size_t>(i)]));
+    }
+    return hn::Mul(sum, opacity);
+  }
+
+  /// What a slab covers, 1 - (1 - D alpha)^length, from the opacity or the logarithm of what it
+  /// lets through.
   template <typename RowOf>
-  HWY_INLINE V Transmitted(V opacity, int64_t pixel, const RowOf& row_of) const {
+  HWY_INLINE V Cover(V opacity, int64_t pixel, const RowOf& row_of) const {
     const D d;
     V log = opacity;
     if (slab_.opacity_scale != nullptr) {
@@ -284,7 +296,7 @@ class Compositor {
     if (slab_.length_scale != nullptr) {
       length = hn::Mul(length, row_of(slab_.length_scale + pixel).Load(0));
     }
-    return ExpNegative(hn::Mul(log, length));
+    return hn::Sub(hn::Set(d, 1.0F), ExpNegative(hn::Mul(log, length)));
   }
 
   const KernelFunction& function_;
@@ -292,13 +304,15 @@ class Compositor {
   const KernelLight* light_;
   const Slab slab_;  // a copy: nothing that is stored can change it
   Weights weights_;
+  int cover_count_ = 0;
 };
 
-template <bool kTable, bool kTwoFields, bool kShaded>
+template <bool kTable, bool kTwoFields, bool kShaded, bool kPolynomial>
 HWY_INLINE void CompositeAll(const KernelFunction& function, const KernelFunction& color,
                              const KernelLight* light, const Slab& slab,
                              std::span<const SlabRun> runs) {
-  const Compositor<kTable, kTwoFields, kShaded> compositor(function, color, light, slab);
+  const Compositor<kTable, kTwoFields, kShaded, kPolynomial> compositor(function, color, light,
+                                                                        slab);
   for (const SlabRun& run : runs) {
     compositor.Run(run);
   }
@@ -307,10 +321,14 @@ HWY_INLINE void CompositeAll(const KernelFunction& function, const KernelFunctio
 template <bool kTable, bool kTwoFields>
 void CompositeFields(const KernelFunction& function, const KernelFunction& color,
                      const KernelLight* light, const Slab& slab, std::span<const SlabRun> runs) {
+  // Polynomials pay where nothing else is done; the rest takes the general way.
   if (light != nullptr) {
-    CompositeAll<kTable, kTwoFields, true>(function, color, light, slab, runs);
+    CompositeAll<kTable, kTwoFields, true, false>(function, color, light, slab, runs);
+  } else if (!kTable && slab.cover != nullptr && slab.cover->count > 0 &&
+             slab.opacity_scale == nullptr && slab.length_scale == nullptr) {
+    CompositeAll<kTable, kTwoFields, false, !kTable>(function, color, light, slab, runs);
   } else {
-    CompositeAll<kTable, kTwoFields, false>(function, color, light, slab, runs);
+    CompositeAll<kTable, kTwoFields, false, false>(function, color, light, slab, runs);
   }
 }
 

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/render/slab_cover.h"
 #include "engine/render/transfer_function.h"
 
 /// Where the time of a frame goes: a row of samples interpolated, classified and composited, with
@@ -51,6 +52,7 @@ struct Slab {
   int64_t row_stride = 0, slice_stride = 0;
   float fu = 0, fv = 0;                  // weights of the second taps
   float length = 0;                      // path through the slab in voxel lengths
+  const SlabCover* cover = nullptr;      // for that length and the function's opacities, or null
   const float* opacity_scale = nullptr;  // D by pixel, or null for 1
   const float* length_scale = nullptr;   // the part of the path that counts, or null for all
   float* red = nullptr;                  // the accumulators

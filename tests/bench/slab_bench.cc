@@ -31,7 +31,7 @@ struct Planes {
   std::vector<float> red, green, blue, transmittance;
 };
 
-double NanosecondsASample(int64_t pixels, int rounds, int points, bool shaded) {
+double NanosecondsASample(int64_t pixels, int rounds, int points, bool shaded, bool by_polynomial) {
   constexpr int64_t kRows = 64;
   const int64_t stride = pixels + 8;
   std::vector<float> values(static_cast<size_t>(stride * (kRows + 8)));
@@ -50,6 +50,8 @@ double NanosecondsASample(int64_t pixels, int rounds, int points, bool shaded) {
   slab.fu = 0.3F;
   slab.fv = 0.6F;
   slab.length = 2.3F;
+  const SlabCover cover(slab.length, 0.021);
+  slab.cover = by_polynomial ? &cover : nullptr;
   slab.red = planes.red.data();
   slab.green = planes.green.data();
   slab.blue = planes.blue.data();
@@ -78,15 +80,16 @@ void Run(int64_t pixels, int rounds) {
   for (const int n : points) {
     std::printf("%8d", n);
   }
-  std::printf("%14s\n", "5, shaded");
+  std::printf("%14s%14s\n", "5, log, exp", "5, shaded");
   for (const int64_t target : hwy::SupportedAndGeneratedTargets()) {
     hwy::SetSupportedTargetsForTest(target);
     hwy::GetChosenTarget().Update(hwy::SupportedTargets());
     std::printf("%-8s", KernelTarget().c_str());
     for (const int n : points) {
-      std::printf("%8.2f", NanosecondsASample(pixels, rounds, n, false));
+      std::printf("%8.2f", NanosecondsASample(pixels, rounds, n, false, true));
     }
-    std::printf("%14.2f\n", NanosecondsASample(pixels, rounds, 5, true));
+    std::printf("%14.2f", NanosecondsASample(pixels, rounds, 5, false, false));
+    std::printf("%14.2f\n", NanosecondsASample(pixels, rounds, 5, true, false));
   }
 }
 

@@ -130,12 +130,14 @@ std::array<double, 4> Evaluate(const TransferFunction& transfer, double value) {
 
 /// Three slabs, one behind the other, through the same pixels.
 Planes ThreeSlabs(const Scene& scene, const TransferFunction& transfer,
-                  const TransferFunction* color, const KernelLight* light, bool weighted) {
+                  const TransferFunction* color, const KernelLight* light, bool weighted,
+                  const SlabCover* cover = nullptr) {
   Planes planes(static_cast<size_t>(kStride * kRows));
   Slab slab = scene.SlabInto(&planes, weighted);
   if (color != nullptr) {
     slab.color_taps = scene.other.data() + kStride * kRows;
   }
+  slab.cover = cover;
   const KernelFunction function(transfer);
   const KernelFunction paint(color != nullptr ? *color : transfer);
   for (int n = 0; n < 3; ++n) {
@@ -214,6 +216,50 @@ TEST(SlabKernelTest, EveryInstructionSetFollowsEquationThree) {
       }
     }
   }
+}
+
+/// A polynomial for slabs of one length stands in for logarithm and exponential.
+TEST(SlabKernelTest, CoverByPolynomialFollowsEquationThree) {
+  const Scene scene;
+  int with_polynomial = 0;
+  for (uint32_t seed = 1; seed < 30; ++seed) {
+    TransferFunction transfer = RandomFunction(seed, 2 + static_cast<int>(seed) % 5);
+    double most = 0;
+    for (auto& point : transfer.points) {
+      point.opacity *= 0.03F * static_cast<float>(seed);
+      most = std::max(most, static_cast<double>(point.opacity));
+    }
+    const SlabCover cover(1.7F, most);
+    with_polynomial += cover.count > 0 ? 1 : 0;
+    const Planes expected = Expected(scene, transfer, nullptr, false);
+    ForEachTarget([&](int64_t target) {
+      const Planes planes = ThreeSlabs(scene, transfer, nullptr, nullptr, false, &cover);
+      EXPECT_LT(LargestDifference(planes, expected), 3e-6)
+          << hwy::TargetName(target) << " seed " << seed << " " << cover.count << " coefficients";
+    });
+  }
+  EXPECT_GT(with_polynomial, 20);
+}
+
+TEST(SlabCoverTest, IsExactOrEmpty) {
+  for (const double length : {0.3, 1.0, 1.155, 2.0, 18.5, 140.0}) {
+    for (const double most : {1e-4, 0.004, 0.067, 0.3, 0.8, 0.999, 1.0}) {
+      const SlabCover cover(length, most);
+      for (int i = 0; cover.count > 0 && i <= 1000; ++i) {
+        const float opacity = static_cast<float>(most) * static_cast<float>(i) / 1000;
+        float sum = 0;
+        for (int c = 0; c < cover.count; ++c) {
+          sum = std::fma(sum, opacity, cover.coefficients[static_cast<size_t>(c)]);
+        }
+        const double expected = 1 - std::pow(1 - static_cast<double>(opacity), length);
+        ASSERT_NEAR(sum * opacity, expected, 6e-7 * expected + 1e-12)
+            << "length " << length << " opacity " << opacity << " of " << most;
+      }
+    }
+  }
+  EXPECT_GT(SlabCover(1.155, 0.3).count, 0);  // what most frames need
+  EXPECT_GT(SlabCover(18.5, 0.067).count, 0);
+  EXPECT_EQ(SlabCover(18.5, 0.9).count, 0);
 }
 
 /// More points than ramps are read from a table, which is a little less exact.
