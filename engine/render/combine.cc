@@ -5,6 +5,7 @@
 
 #include "engine/base/parallel.h"
 #include "engine/render/combine_kernels.h"
+#include "engine/render/path_lengths.h"
 
 namespace fovea::render {
 namespace {
@@ -101,8 +102,10 @@ class Splitting {
       const auto count = static_cast<size_t>(std::min(step, parents_.u1 - u));
       const size_t own = finer_.Index(2 * u, v);
       Inherit(front_, &coarser_.front, u, v, count, &inherited);
+      TakeOwnPaths(u, v, count, &inherited);
       CompositeBefore(inherited, 2 * count, RunOf(&finer_.front, own));
       Inherit(back_, &coarser_.back, u, v, count, &inherited);
+      TakeOwnPaths(u, v, count, &inherited);
       CompositeBehind(inherited, 2 * count, RunOf(&finer_.back, own));
     }
   }
@@ -124,6 +127,15 @@ class Splitting {
                       &coarser_.split[at], count, inherited);
     } else {
       InheritCopies(RunOf(gathered, at), &coarser_.split[at], count, inherited);
+    }
+  }
+
+  /// In perspective a child's ray runs otherwise than its parent's, and its path through the same
+  /// slices has another length.
+  void TakeOwnPaths(int64_t u, int64_t v, size_t count, Inheritance* inherited) const {
+    if (!coarser_.path.empty()) {
+      LengthenInherited(&coarser_.path[coarser_.Index(u, v >> 1)],
+                        &finer_.path[finer_.Index(2 * u, v)], count, inherited);
     }
   }
 
@@ -149,6 +161,9 @@ void ShowRow(Layer* layer, const Layer* coarser, int64_t v, FrameLevel* level) {
     kinds[i] = split[i] != 0 ? PixelKind::kSplit : present ? PixelKind::kLeaf : PixelKind::kAbsent;
   }
   ShowLeaves(RunOf(&layer->front, at), RunOf(&layer->back, at), kinds, count, &level->values[at]);
+  if (!layer->path.empty()) {
+    TakeCommonPath(&layer->path[at], count, &level->values[at]);
+  }
 }
 
 void TakeShape(const LevelPlan& plan, FrameLevel* level) {

@@ -10,6 +10,7 @@
 #include "engine/render/composite.h"
 #include "engine/render/expand.h"
 #include "engine/render/lighting.h"
+#include "engine/render/perspective.h"
 #include "engine/render/renderer.h"
 #include "engine/render/thick_ray.h"
 
@@ -296,6 +297,9 @@ StatusOr<Image> RenderReference(const Grid& voxels, const Matrix4& index_to_worl
                                 const Vec3& fovea, const RenderSettings& settings,
                                 RenderStats* stats, const Grid* color_voxels) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
+  if (settings.perspective) {
+    return ReferencePerspective(voxels, color_voxels, index_to_world, fovea, settings, stats);
+  }
   const Int3 dims = voxels.box.Size();
   const ShearView view =
       FactorView(settings.view, dims, index_to_world, settings.width_px, settings.height_px);

@@ -6,6 +6,7 @@
 #include "engine/base/stopwatch.h"
 #include "engine/render/frame_scratch.h"
 #include "engine/render/fused.h"
+#include "engine/render/perspective.h"
 
 namespace fovea::render {
 
@@ -55,6 +56,13 @@ Status Validate(const Clip& clip) {
           "numbers",
           plane.normal.x, plane.normal.y, plane.normal.z, plane.offset);
     }
+  }
+  return absl::OkStatus();
+}
+
+Status CheckOrthographic(const RenderSettings& settings, std::string_view what) {
+  if (settings.perspective) {
+    return InvalidArgument("perspective: {} is for orthographic views only", what);
   }
   return absl::OkStatus();
 }
@@ -112,6 +120,7 @@ Status RenderFrame(const SuperVoxels& volume, const Matrix4& index_to_world,
                    const RenderSettings& settings, FrameScratch* scratch, RenderStats* stats,
                    const SuperVoxels* color_volume) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
+  FOVEA_RETURN_IF_ERROR(CheckOrthographic(settings, "a foveated frame"));
   if (color_volume != nullptr) {
     FOVEA_RETURN_IF_ERROR(CheckColorVolume(volume, *color_volume, settings));
   }
@@ -142,6 +151,12 @@ StatusOr<FoveatedFrame> RenderFrame(const SuperVoxels& volume, const Matrix4& in
 Status RenderFoveated(const SuperVoxels& volume, const Matrix4& index_to_world,
                       const RenderSettings& settings, FrameScratch* scratch, Image* image,
                       RenderStats* stats, const SuperVoxels* color_volume) {
+  if (settings.perspective) {
+    FOVEA_RETURN_IF_ERROR(Validate(settings));
+    FOVEA_ASSIGN_OR_RETURN(
+        *image, RenderPerspective(volume, color_volume, index_to_world, settings, stats));
+    return absl::OkStatus();
+  }
   FOVEA_RETURN_IF_ERROR(
       RenderFrame(volume, index_to_world, settings, scratch, stats, color_volume));
   const Stopwatch watch;
@@ -167,6 +182,7 @@ StatusOr<Image> RenderFused(CoefficientSource& source, const RetainedSet& retain
                             const Matrix4& index_to_world, const RenderSettings& settings,
                             FusedStats* stats, CoefficientSource* color) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
+  FOVEA_RETURN_IF_ERROR(CheckOrthographic(settings, "fused rendering"));
   if (color != nullptr) {
     FOVEA_RETURN_IF_ERROR(Validate(settings.color_transfer));
     if (color->hierarchy() != retained.hierarchy()) {

@@ -10,6 +10,7 @@
 #include "engine/fovea/reconstruct.h"
 #include "engine/render/foveated_frame.h"
 #include "engine/render/image.h"
+#include "engine/render/perspective_view.h"
 #include "engine/render/transfer_function.h"
 #include "engine/render/view.h"
 #include "engine/volume/geometry.h"
@@ -62,6 +63,7 @@ inline constexpr int kMaxPicturePixels = 16384;  // a side
 
 struct RenderSettings {
   OrthographicView view;
+  std::optional<PerspectiveView> perspective;  // if set, `view` is ignored
   TransferFunction transfer;
   /// With a second field (RenderFoveated's `color_volume`): its colours; `transfer` gives opacity.
   TransferFunction color_transfer;

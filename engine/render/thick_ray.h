@@ -37,6 +37,9 @@ struct Layer {
   Gathered front, back;
   /// Whether the next level draws part of this pixel's ray: it has four children there.
   std::vector<uint8_t> split;
+  /// In perspective, the path of every pixel's ray through a slice, in the picture's common path;
+  /// else empty. Combined values hold for the common path.
+  std::vector<float> path;
 
   [[nodiscard]] size_t Index(int64_t u, int64_t v) const {
     return static_cast<size_t>((v - plan.rect.v0) * plan.rect.Width() + u - plan.rect.u0);

@@ -1,0 +1,149 @@
+#include "engine/render/perspective_warp.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <functional>
+#include <utility>
+
+#include "engine/base/parallel.h"
+#include "engine/render/path_lengths.h"
+#include "engine/render/rgba_vector.h"
+
+namespace fovea::render {
+namespace {
+
+/// A position among the pixels of an image: the first of four taps, and how far to the next.
+struct Place {
+  int64_t u = 0, v = 0;
+  float fu = 0, fv = 0;
+};
+
+Place PlaceOf(double at_u, double at_v, double inverse_width) {
+  const double x = at_u * inverse_width - 0.5;
+  const double y = at_v * inverse_width - 0.5;
+  const double floor_x = std::floor(x);
+  const double floor_y = std::floor(y);
+  return {static_cast<int64_t>(floor_x), static_cast<int64_t>(floor_y),
+          static_cast<float>(x - floor_x), static_cast<float>(y - floor_y)};
+}
+
+/// How much of a point lies within reach of the sheet's pixels: 1 inside, falling to 0 over the
+/// voxel around its edge.
+float CoverOf(const Rect& sheet, double at_u, double at_v) {
+  const double u =
+      std::min(at_u - static_cast<double>(sheet.u0), static_cast<double>(sheet.u1) - at_u);
+  const double v =
+      std::min(at_v - static_cast<double>(sheet.v0), static_cast<double>(sheet.v1) - at_v);
+  return static_cast<float>(std::clamp(u + 0.5, 0.0, 1.0) * std::clamp(v + 0.5, 0.0, 1.0));
+}
+
+float WeightAt(const SmoothLevel& level, size_t at, const Place& place) {
+  const auto weigh = [&](size_t tap) {
+    const auto first = static_cast<float>(level.halves[tap]);
+    return first + place.fu * (static_cast<float>(level.halves[tap + 1]) - first);
+  };
+  const float near = weigh(at);
+  return 0.5F * (near + place.fv * (weigh(at + static_cast<size_t>(level.stride)) - near));
+}
+
+Rgba ToRgba(RgbaVector value) {
+  return {value[0], value[1], value[2], value[3]};
+}
+
+}  // namespace
+
+FaceImage::FaceImage(const PerspectiveFace& face, const Rect& sheet, std::vector<FrameLevel> levels)
+    : face_(face), sheet_(sheet), leaves_(std::move(levels)) {}
+
+FaceImage::FaceImage(const PerspectiveFace& face, const Rect& sheet,
+                     std::vector<SmoothLevel> levels)
+    : face_(face), sheet_(sheet), smooth_(std::move(levels)) {}
+
+/// The value of the leaf that the voxel-wide pixel (u, v) lies in.
+Rgba FaceImage::Leaf(int64_t u, int64_t v) const {
+  if (!sheet_.Contains(u, v)) {
+    return {};
+  }
+  for (const FrameLevel& level : leaves_) {
+    const int shift = std::countr_zero(static_cast<uint64_t>(level.width));
+    const int64_t lu = u >> shift;
+    const int64_t lv = v >> shift;
+    if (!level.rect.Contains(lu, lv)) {
+      break;
+    }
+    const size_t i = level.Index(lu, lv);
+    if (level.kinds[i] != PixelKind::kSplit) {
+      return level.values[i];
+    }
+  }
+  return {};
+}
+
+Rgba FaceImage::Staircase(double at_u, double at_v) const {
+  const Place place = PlaceOf(at_u, at_v, 1);
+  const auto leaf = [&](int64_t du, int64_t dv) { return Load(Leaf(place.u + du, place.v + dv)); };
+  return ToRgba(
+      Mix(Mix(leaf(0, 0), leaf(1, 0), place.fu), Mix(leaf(0, 1), leaf(1, 1), place.fu), place.fv));
+}
+
+/// As WarpSmooth: finest level first, coarser ones where its weight leaves room.
+Rgba FaceImage::Smoothed(double at_u, double at_v) const {
+  const float cover = CoverOf(sheet_, at_u, at_v);
+  RgbaVector value = {};
+  float left = cover > 0 ? 1 : 0;
+  for (size_t l = smooth_.size(); l-- > 0 && left > 1e-6F;) {
+    const SmoothLevel& level = smooth_[l];
+    const Rect& rect = level.rect;
+    const Place place = PlaceOf(at_u, at_v, 1 / static_cast<double>(level.width));
+    if (place.u < rect.u0 - 1 || place.u >= rect.u1 || place.v < rect.v0 - 1 ||
+        place.v >= rect.v1) {
+      continue;
+    }
+    const size_t at = level.Index(place.u, place.v);
+    if (level.cells[at] == CellKind::kNone) {
+      continue;
+    }
+    const Rgba* row0 = &level.weighted[at];
+    const Rgba* row1 = row0 + level.stride;
+    const RgbaVector own = Mix(Mix(Load(row0[0]), Load(row0[1]), place.fu),
+                               Mix(Load(row1[0]), Load(row1[1]), place.fu), place.fv);
+    // Between pixels one voxel wide the sheet's edge fades by itself.
+    value += (level.width == 1 ? left : left * cover) * own;
+    left *= level.cells[at] == CellKind::kFull ? 0 : 1 - WeightAt(level, at, place);
+  }
+  return ToRgba(value);
+}
+
+Rgba FaceImage::Along(const Vec3& ray) const {
+  const double reach = face_.reference_z - face_.eye[face_.axis_k];
+  const double scale = reach / ray[face_.axis_k];
+  const double at_u = face_.eye[face_.axis_u] + scale * ray[face_.axis_u];
+  const double at_v = face_.eye[face_.axis_v] + scale * ray[face_.axis_v];
+  const auto path = static_cast<float>(Length(face_.WayAt(at_u, at_v)) / face_.common_path);
+  return Lengthened(leaves_.empty() ? Smoothed(at_u, at_v) : Staircase(at_u, at_v), path);
+}
+
+Image WarpFaces(const Pinhole& pinhole, const std::array<std::optional<FaceImage>, 6>& faces,
+                int threads) {
+  Image image;
+  image.width = pinhole.width_px;
+  image.height = pinhole.height_px;
+  image.rgba.resize(4 * static_cast<size_t>(image.width) * static_cast<size_t>(image.height));
+  const auto rows = [&](int64_t first, int64_t last) {
+    for (int64_t j = first; j < last; ++j) {
+      float* out = image.rgba.data() + 4 * j * image.width;
+      for (int64_t i = 0; i < image.width; ++i, out += 4) {
+        const Vec3 ray = pinhole.Ray(static_cast<double>(i), static_cast<double>(j));
+        const auto& face = faces[FaceOf(ray)];
+        if (face) {
+          Store(Load(face->Along(ray)), out);
+        }
+      }
+    }
+  };
+  ParallelFor(0, image.height, 8, threads, std::ref(rows));
+  return image;
+}
+
+}  // namespace fovea::render
