@@ -59,14 +59,19 @@ void ParallelFor(int64_t begin, int64_t end, int64_t grain, int threads,
     }
     return;
   }
-  tbb::task_arena arena(wanted);
-  arena.execute([&] {
-    const int64_t pieces = (end - begin + grain - 1) / grain;
+  const int64_t pieces = (end - begin + grain - 1) / grain;
+  const auto run = [&] {
     tbb::parallel_for(int64_t{0}, pieces, [&](int64_t piece) {
       const int64_t first = begin + piece * grain;
       body(first, std::min(end, first + grain));
     });
-  });
+  };
+  // An arena of its own costs more than a small level's rays.
+  if (wanted == HardwareThreads()) {
+    run();
+  } else {
+    tbb::task_arena(wanted).execute(run);
+  }
 }
 
 #endif

@@ -108,6 +108,7 @@ class FusedTracer {
         values_(*values),
         colors_(colors),
         stats_(*stats),
+        scratch_(*scratch),
         layers_(scratch->layers),
         reach_(scratch->reach),
         left_(scratch->left) {
@@ -120,6 +121,8 @@ class FusedTracer {
     reach_.resize(layers_.size());
     reach_[0].assign(layers_[0].split.size(), 1.0F);
     left_.resize(layers_.size());
+    scratch->turned.resize(layers_.size());
+    scratch->color_turned.resize(layers_.size());
   }
 
   Status Run() {
@@ -140,7 +143,9 @@ class FusedTracer {
     const ValueBlocks blocks = MakeValueBlocks(grid, 1);
     const std::span<const SlicePlan> plans(layer.plan.slices.data() + first, last - first);
     const LevelTracer tracer(
-        frame_, {grid, blocks, colors_ != nullptr ? &colors_->At(layer.plan.level) : nullptr},
+        frame_,
+        {grid, blocks, colors_ != nullptr ? &colors_->At(layer.plan.level) : nullptr,
+         &scratch_.turned[l], &scratch_.color_turned[l]},
         plans, &layer);
     SpentPixels spent = SpentByParents(l);
     for (const auto side : {LevelTracer::Side::kFront, LevelTracer::Side::kBack}) {
@@ -199,6 +204,7 @@ class FusedTracer {
   SliceStack& values_;
   SliceStack* colors_;
   FusedStats& stats_;
+  TraceScratch& scratch_;
   std::vector<Layer>& layers_;
   std::vector<std::vector<float>>& reach_;
   std::vector<std::vector<float>>& left_;

@@ -46,12 +46,14 @@ LevelTracer::LevelTracer(const FrameInputs& frame, const LevelValues& values,
                          std::span<const SlicePlan> plans, Layer* layer)
     : frame_(frame),
       layer_(*layer),
-      slices_(values.grid, frame.view, frame.settings.threads),
       live_(values.blocks, values.grid.box, frame.transparent, frame.view),
+      slices_(values.grid, frame.view, frame.settings.threads, values.turned,
+              frame.Skips() ? &live_ : nullptr, frame.light ? 1 : 0),
       cover_(static_cast<double>(layer->plan.width) * frame.view.step_length,
              MostOpacity(frame.settings.transfer)) {
   if (values.color != nullptr) {
-    color_slices_.emplace(*values.color, frame.view, frame.settings.threads);
+    color_slices_.emplace(*values.color, frame.view, frame.settings.threads, values.color_turned,
+                          frame.Skips() ? &live_ : nullptr, 0);
   }
   for (const SlicePlan& plan : plans) {
     // Pixel i samples at i + shift in cell-centre coordinates: four taps of constant weight.
@@ -164,7 +166,7 @@ uint64_t LevelTracer::AddRange(const Slice& slice, Side side, int64_t v, Range r
 template <typename Body>
 void LevelTracer::ForEachLive(const Slice& slice, int64_t v, Range range, const SpentPixels& spent,
                               const Body& body) const {
-  if (frame_.settings.compositing == Compositing::kMaximum) {
+  if (!frame_.Skips()) {
     body(range);
     return;
   }

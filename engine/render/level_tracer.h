@@ -7,6 +7,7 @@
 
 #include "engine/render/live_blocks.h"
 #include "engine/render/slab_kernel.h"
+#include "engine/render/slice_view.h"
 #include "engine/render/spent_pixels.h"
 #include "engine/render/thick_ray.h"
 
@@ -25,6 +26,8 @@ struct FrameInputs {
     return settings.weighting.kind == Weighting::Kind::kChop || !settings.clip.IsEmpty();
   }
 
+  /// Whether transparent blocks say nothing. A maximum may be a transparent value.
+  [[nodiscard]] bool Skips() const { return settings.compositing != Compositing::kMaximum; }
   /// Below what transmittance a pixel is spent. Maxima never are.
   [[nodiscard]] float SpentLimit() const {
     return settings.compositing == Compositing::kMaximum ? 0.0F : settings.spent_transmittance;
@@ -44,6 +47,9 @@ struct LevelValues {
   const Grid& grid;
   const ValueBlocks& blocks;
   const Grid* color = nullptr;  // a second field on the same box, or null
+  /// Where values are turned for views along x.
+  std::vector<float>* turned = nullptr;
+  std::vector<float>* color_turned = nullptr;
 };
 
 /// Traces the rays of one level through slices it owns.
@@ -91,9 +97,9 @@ class LevelTracer {
 
   const FrameInputs& frame_;
   Layer& layer_;
+  LiveBlocks live_;
   SliceView slices_;
   std::optional<SliceView> color_slices_;
-  LiveBlocks live_;
   SlabCover cover_;  // of slabs one slice thick
   std::vector<Slice> prepared_;
 };

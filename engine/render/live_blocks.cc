@@ -1,5 +1,6 @@
 #include "engine/render/live_blocks.h"
 
+#include <algorithm>
 #include <limits>
 
 namespace fovea::render {
@@ -41,11 +42,12 @@ LiveBlocks::LiveBlocks(const ValueBlocks& blocks, const Box3& box,
       low_v_(box.lo[view.axis_v]),
       low_k_(box.lo[view.axis_k]),
       count_u_(blocks.count[view.axis_u]),
-      count_v_(blocks.count[view.axis_v]) {
+      count_v_(blocks.count[view.axis_v]),
+      count_k_(blocks.count[view.axis_k]) {
   live_.resize(blocks.low.size());
   Int3 at;
   size_t i = 0;
-  for (int64_t k = 0; k < blocks.count[view.axis_k]; ++k) {
+  for (int64_t k = 0; k < count_k_; ++k) {
     at[view.axis_k] = k;
     for (int64_t v = 0; v < count_v_; ++v) {
       at[view.axis_v] = v;
@@ -56,6 +58,21 @@ LiveBlocks::LiveBlocks(const ValueBlocks& blocks, const Box3& box,
       }
     }
   }
+}
+
+bool LiveBlocks::IsRead(int64_t u, int64_t v, int64_t k, int reach) const {
+  for (int64_t bk = std::max<int64_t>(k - reach, 0); bk <= std::min(k + reach, count_k_ - 1);
+       ++bk) {
+    for (int64_t bv = std::max<int64_t>(v - 1, 0); bv <= std::min(v + reach, count_v_ - 1); ++bv) {
+      for (int64_t bu = std::max<int64_t>(u - 1, 0); bu <= std::min(u + reach, count_u_ - 1);
+           ++bu) {
+        if (live_[static_cast<size_t>((bk * count_v_ + bv) * count_u_ + bu)] != 0) {
+          return true;
+        }
+      }
+    }
+  }
+  return false;
 }
 
 }  // namespace fovea::render

@@ -39,6 +39,9 @@ class LiveBlocks {
            (((k - low_k_) / ValueBlocks::kEdge) * count_v_ + (v - low_v_) / ValueBlocks::kEdge) *
                count_u_;
   }
+  /// Whether a sample whose first tap lies in a live block reads values of block (u, v, k) (in
+  /// blocks): its second taps lie up to one block further; with `reach` 1 also gradients'.
+  [[nodiscard]] bool IsRead(int64_t u, int64_t v, int64_t k, int reach) const;
   [[nodiscard]] int64_t BlockOf(int64_t u) const { return (u - low_u_) / ValueBlocks::kEdge; }
   /// The first u of block b.
   [[nodiscard]] int64_t FirstOf(int64_t b) const { return low_u_ + b * ValueBlocks::kEdge; }
@@ -46,7 +49,7 @@ class LiveBlocks {
  private:
   std::vector<uint8_t> live_;
   int64_t low_u_ = 0, low_v_ = 0, low_k_ = 0;
-  int64_t count_u_ = 0, count_v_ = 0;
+  int64_t count_u_ = 0, count_v_ = 0, count_k_ = 0;
 };
 
 }  // namespace fovea::render

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "engine/base/parallel.h"
+#include "engine/render/slice_view.h"
 
 namespace fovea::render {
 namespace {
@@ -71,7 +72,7 @@ class FaceTracer {
              const PerspectiveLevel& level, const PerspectiveFace& face, Layer* layer)
       : frame_(frame),
         box_(grid.box),
-        slices_(grid, AxesOf(face), frame.settings.threads),
+        slices_(grid, AxesOf(face), frame.settings.threads, &turned_),
         level_(level),
         face_(face),
         layer_(*layer),
@@ -265,6 +266,7 @@ class FaceTracer {
 
   const PerspectiveInputs& frame_;
   Box3 box_;
+  std::vector<float> turned_;
   SliceView slices_;
   std::optional<LiveBlocks> live_;
   const PerspectiveLevel& level_;

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "engine/base/parallel.h"
-
 namespace fovea::render {
 
 Rect Intersect(const Rect& a, const Rect& b) {
@@ -14,39 +12,6 @@ Rect Intersect(const Rect& a, const Rect& b) {
 
 Rect Doubled(const Rect& rect) {
   return {2 * rect.u0, 2 * rect.u1, 2 * rect.v0, 2 * rect.v1};
-}
-
-SliceView::SliceView(const Grid& grid, const ShearView& view, int threads) {
-  const Int3 size = grid.box.Size();
-  const Int3& lo = grid.box.lo;
-  if (view.axis_k != 0) {
-    const int64_t strides[3] = {1, size.x, size.x * size.y};
-    row_stride_ = strides[view.axis_v];
-    slice_stride_ = strides[view.axis_k];
-    base_ = grid.values.data() -
-            (lo.x + lo[view.axis_v] * row_stride_ + lo[view.axis_k] * slice_stride_);
-    return;
-  }
-  // Slices across x: u = y, v = z. Turned to [x][z][y], in blocks that stay in the cache.
-  constexpr int64_t kBlock = 16;
-  turned_.resize(grid.values.size());
-  row_stride_ = size.y;
-  slice_stride_ = size.y * size.z;
-  ParallelFor(0, size.z, 1, threads, [&](int64_t first, int64_t last) {
-    for (int64_t z = first; z < last; ++z) {
-      for (int64_t y0 = 0; y0 < size.y; y0 += kBlock) {
-        for (int64_t x = 0; x < size.x; ++x) {
-          const float* from = grid.values.data() + (z * size.y + y0) * size.x + x;
-          float* to = turned_.data() + x * slice_stride_ + z * row_stride_ + y0;
-          const int64_t count = std::min(kBlock, size.y - y0);
-          for (int64_t i = 0; i < count; ++i) {
-            to[i] = from[i * size.x];
-          }
-        }
-      }
-    }
-  });
-  base_ = turned_.data() - (lo.y + lo.z * row_stride_ + lo.x * slice_stride_);
 }
 
 namespace {

@@ -27,24 +27,6 @@ struct Rect {
 /// The same region in pixels half as wide.
 [[nodiscard]] Rect Doubled(const Rect& rect);
 
-/// Slices of a grid along the principal axis, rows contiguous along u. For principal axis x the
-/// values are copied, turned; otherwise this only points into the grid, which must outlive it.
-class SliceView {
- public:
-  SliceView(const Grid& grid, const ShearView& view, int threads);
-  /// The value at u of row v of slice k is Row(v, k)[u]; all in the grid's coordinates.
-  [[nodiscard]] const float* Row(int64_t v, int64_t k) const {
-    return base_ + v * row_stride_ + k * slice_stride_;
-  }
-  [[nodiscard]] int64_t row_stride() const { return row_stride_; }
-  [[nodiscard]] int64_t slice_stride() const { return slice_stride_; }
-
- private:
-  std::vector<float> turned_;
-  const float* base_ = nullptr;  // of the position (0, 0, 0), which may lie outside
-  int64_t row_stride_ = 0, slice_stride_ = 0;
-};
-
 /// Where a slice samples, in its level's units: pixel i stands at i + 1/2 + shift.
 struct SliceShift {
   double u = 0, v = 0;

@@ -66,12 +66,15 @@ class FrameTracer {
     layers_.resize(plans.size());
     reach_.resize(plans.size());
     left_.resize(plans.size());
+    scratch->turned.resize(plans.size());
+    scratch->color_turned.resize(plans.size());
     for (size_t l = 0; l < plans.size(); ++l) {
       ClearLayer(frame, std::move(plans[l]), &layers_[l]);
       Layer& layer = layers_[l];
       const auto level = static_cast<size_t>(layer.plan.level);
       const LevelValues values{volume.levels[level], volume.blocks[level],
-                               color != nullptr ? &color->levels[level] : nullptr};
+                               color != nullptr ? &color->levels[level] : nullptr,
+                               &scratch->turned[l], &scratch->color_turned[l]};
       tracers_.push_back(std::make_unique<LevelTracer>(frame, values, layer.plan.slices, &layer));
     }
   }

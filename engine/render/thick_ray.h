@@ -63,6 +63,8 @@ struct TraceScratch {
   std::vector<Layer> layers;
   std::vector<std::vector<float>> reach;  // by level: what arrives of each ray
   std::vector<std::vector<float>> left;   // by level: what is left of it
+  /// By level: the values turned for views along x, and the second field's.
+  std::vector<std::vector<float>> turned, color_turned;
 };
 
 /// The same into scratch->layers; returns the samples met.
