@@ -71,7 +71,7 @@ LevelTracer::LevelTracer(const FrameInputs& frame, const LevelValues& values,
 
 uint64_t LevelTracer::TraceRows(Side side, int64_t v0, int64_t v1, SpentPixels* spent,
                                 const std::vector<float>* reach) const {
-  constexpr int kSlicesBetweenLooks = 8;
+  constexpr int kSlicesBetweenLooks = 16;
   if (side == Side::kFront) {
     MarkSplit(v0, v1);
   }

@@ -73,29 +73,33 @@ SliceView::SliceView(const Grid& grid, const ShearView& view, int threads,
             (lo.x + lo[view.axis_v] * row_stride_ + lo[view.axis_k] * slice_stride_);
     return;
   }
-  // Slices across x: u = y, v = z. Turned to [x][z][y], block by block.
+  // Slices across x: u = y, v = z. Each plane across z is turned in itself, which stays in the
+  // cache: [z][y][x] becomes [z][x][y].
   constexpr int64_t kEdge = ValueBlocks::kEdge;
   if (turned->size() < grid.values.size()) {
     turned->resize(grid.values.size());
   }
-  row_stride_ = size.y;
-  slice_stride_ = size.y * size.z;
+  row_stride_ = size.x * size.y;
+  slice_stride_ = size.y;
   base_ = turned->data() - (lo.y + lo.z * row_stride_ + lo.x * slice_stride_);
-  const auto blocks = [](int64_t points) { return (points + kEdge - 1) / kEdge; };
-  ParallelFor(0, blocks(size.z), 1, threads, [&](int64_t first, int64_t last) {
-    for (int64_t bz = first; bz < last; ++bz) {
-      for (int64_t by = 0; by < blocks(size.y); ++by) {
-        for (int64_t bx = 0; bx < blocks(size.x); ++bx) {
-          if (live != nullptr && !live->IsRead(by, bz, bx, reach)) {
-            continue;
+  const auto turn = [&](int64_t x0, int64_t x1, int64_t y, int64_t z) {
+    HWY_DYNAMIC_DISPATCH(Turn)
+    (grid.values.data() + z * row_stride_ + y * size.x + x0, size.x, x1 - x0,
+     std::min(kEdge, size.y - y), turned->data() + z * row_stride_ + x0 * size.y + y, size.y);
+  };
+  const auto is_read = [&](int64_t x, int64_t y, int64_t z) {
+    return live == nullptr || live->IsRead(y / kEdge, z / kEdge, x / kEdge, reach);
+  };
+  ParallelFor(0, (size.z + kEdge - 1) / kEdge, 1, threads, [&](int64_t first, int64_t last) {
+    for (int64_t z0 = first * kEdge; z0 < std::min(size.z, last * kEdge); z0 += kEdge) {
+      for (int64_t y = 0; y < size.y; y += kEdge) {
+        for (int64_t x = 0; x < size.x; x += kEdge) {
+          const int64_t begin = x;
+          while (x < size.x && is_read(x, y, z0)) {
+            x += kEdge;
           }
-          for (int64_t z = bz * kEdge; z < std::min(size.z, (bz + 1) * kEdge); ++z) {
-            const float* from =
-                grid.values.data() + (z * size.y + by * kEdge) * size.x + bx * kEdge;
-            float* to = turned->data() + bx * kEdge * slice_stride_ + z * row_stride_ + by * kEdge;
-            HWY_DYNAMIC_DISPATCH(Turn)
-            (from, size.x, std::min(kEdge, size.x - bx * kEdge),
-             std::min(kEdge, size.y - by * kEdge), to, slice_stride_);
+          for (int64_t z = z0; begin < x && z < std::min(size.z, z0 + kEdge); ++z) {
+            turn(begin, std::min(x, size.x), y, z);
           }
         }
       }
