@@ -9,7 +9,7 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/store/dataset_writer.h"
-#include "engine/wavelet/haar.h"
+#include "engine/wavelet/transform.h"
 #include "ingest/raw_format.h"
 #include "ingest/sequence.h"
 #include "ingest/series_plan.h"
@@ -84,6 +84,7 @@ class Run {
   const ProgressCallback& progress_;
   SeriesPlan plan_;
   Hierarchy hierarchy_;
+  Basis basis_;
   std::unique_ptr<store::DatasetWriter> writer_;
   bool made_store_ = false;
   bool metadata_was_wrong_ = false;
@@ -111,6 +112,12 @@ Status Run::OpenExisting(std::optional<ExistingStore>* existing) {
   FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Append(options_.output));
   existing->emplace();
   (*existing)->info = writer_->info();
+  FOVEA_ASSIGN_OR_RETURN(basis_.wavelet, ParseWavelet(writer_->info().wavelet));
+  if (options_.wavelet.value_or(basis_.wavelet) != basis_.wavelet) {
+    return InvalidArgument("'{}' holds coefficients of the wavelet {}: {} cannot be added to it",
+                           options_.output, writer_->info().wavelet,
+                           WaveletName(*options_.wavelet));
+  }
   const int64_t steps = writer_->info().committed_steps;
   if (steps > 0) {
     FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(options_.output));
@@ -135,6 +142,7 @@ Status Run::ScanAndPlan(const std::vector<SequenceFile>& files,
 
 Status Run::Plan(bool from_voxels) {
   std::optional<ExistingStore> existing;
+  basis_.wavelet = options_.wavelet.value_or(Wavelet::kHaar);
   if (options_.append) {
     FOVEA_RETURN_IF_ERROR(OpenExisting(&existing));
   }
@@ -189,7 +197,7 @@ Status Run::WriteStep(const PlannedStep& step, StepVoxels voxels) {
     Stopwatch watch;
     const FieldStats stats = ComputeStats(field.voxels);
     const CoefficientSet coefficients =
-        wavelet::ForwardHaar(field.voxels, hierarchy_, options_.threads);
+        wavelet::Forward(field.voxels, hierarchy_, basis_, options_.threads);
     report_.transform_ms += watch.RestartMs();
     if (writer_ == nullptr) {
       FOVEA_RETURN_IF_ERROR(CreateStore());
@@ -208,6 +216,7 @@ Status Run::WriteStep(const PlannedStep& step, StepVoxels voxels) {
 Status Run::CreateStore() {
   store::DatasetInfo info;
   info.hierarchy = hierarchy_;
+  info.wavelet = WaveletName(basis_.wavelet);
   info.origin = plan_.extent.lo;
   info.index_to_world = plan_.index_to_world;
   info.world_unit = plan_.world_unit;

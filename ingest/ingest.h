@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/volume/basis.h"
 #include "engine/volume/geometry.h"
 
 /// Foreign files to a coefficient store. Files are parsed in the worker process (fovea-worker),
@@ -52,6 +53,7 @@ struct IngestOptions {
   bool append = false;             // add steps to an existing store
   OnMissing on_missing = OnMissing::kError;
   int64_t chunk_edge = 16;
+  std::optional<Wavelet> wavelet;  // default Haar; with `append`, what the store has
   int threads = 0;
   WorkerLimits worker;
 };

@@ -5,6 +5,7 @@
 #include <span>
 
 #include "engine/base/status.h"
+#include "engine/volume/basis.h"
 #include "engine/volume/coefficient_set.h"
 #include "engine/volume/geometry.h"
 #include "engine/volume/hierarchy.h"
@@ -17,6 +18,8 @@ class CoefficientSource {
  public:
   virtual ~CoefficientSource() = default;
   [[nodiscard]] virtual const Hierarchy& hierarchy() const = 0;
+  /// What the coefficients mean: the Haar wavelet in floats unless a source says otherwise.
+  [[nodiscard]] virtual Basis basis() const { return {}; }
   /// Copies LLL_0 whole, x fastest: DimsAt(0).Product() values.
   [[nodiscard]] virtual Status ReadCoarse(std::span<float> out) = 0;
   /// Copies the seven detail sub-bands of `level` (0 .. L-1) inside `window` (within DimsAt(level))
@@ -30,6 +33,7 @@ class MemorySource final : public CoefficientSource {
  public:
   explicit MemorySource(const CoefficientSet& set) : set_(set) {}
   [[nodiscard]] const Hierarchy& hierarchy() const override { return set_.hierarchy; }
+  [[nodiscard]] Basis basis() const override { return set_.basis; }
   [[nodiscard]] Status ReadCoarse(std::span<float> out) override;
   [[nodiscard]] Status ReadDetail(int level, const Box3& window, std::span<float> out) override;
 

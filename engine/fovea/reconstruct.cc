@@ -4,38 +4,14 @@
 
 #include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
-#include "engine/wavelet/haar.h"
+#include "engine/wavelet/transform.h"
 
 namespace fovea {
 namespace {
 
-/// A whole level grown by the apron, whose values repeat the border.
-Grid WithApron(const Grid& inner, int threads) {
-  const Int3 dims = inner.box.Size();
-  Grid grid(inner.box.Grown(kApron));
-  ParallelFor(grid.box.lo.z, grid.box.hi.z, 4, threads, [&](int64_t first, int64_t last) {
-    for (int64_t z = first; z < last; ++z) {
-      for (int64_t y = grid.box.lo.y; y < grid.box.hi.y; ++y) {
-        const float* from =
-            inner.Row(std::clamp<int64_t>(y, 0, dims.y - 1), std::clamp<int64_t>(z, 0, dims.z - 1));
-        float* to = std::fill_n(grid.Row(y, z), kApron, from[0]);
-        std::fill_n(std::copy_n(from, dims.x, to), kApron, from[dims.x - 1]);
-      }
-    }
-  });
-  return grid;
-}
-
-StatusOr<Grid> CoarsestGrid(CoefficientSource& source) {
-  Grid inner(Box3::OfSize(source.hierarchy().DimsAt(0)));
-  FOVEA_RETURN_IF_ERROR(source.ReadCoarse(inner.values));
-  return WithApron(inner, 1);
-}
-
-Box3 ParentsOf(const Box3& box) {
-  return {{box.lo.x >> 1, box.lo.y >> 1, box.lo.z >> 1},
-          {(box.hi.x + 1) >> 1, (box.hi.y + 1) >> 1, (box.hi.z + 1) >> 1}};
-}
+/// What an exact level keeps around its box: the apron, and the samples beyond it that resampling
+/// reads. This is also as far as the next level's inverse reaches, whatever the rate.
+constexpr int64_t kReach = kApron + 1;
 
 Grid CopyPart(const Grid& whole, const Box3& box) {
   Grid part(box);
@@ -48,18 +24,132 @@ Grid CopyPart(const Grid& whole, const Box3& box) {
   return part;
 }
 
+/// Linear interpolation of four rows of samples at the same place between them on all three axes.
+void ResampleRow(const float* const (&rows)[4], float f, int64_t last, int64_t count, float* out) {
+  const auto mixed = [&](int64_t x) {
+    const float a = rows[0][x] + f * (rows[1][x] - rows[0][x]);
+    const float b = rows[2][x] + f * (rows[3][x] - rows[2][x]);
+    return a + f * (b - a);
+  };
+  for (int64_t x = 0; x < count; ++x) {
+    out[x] = mixed(x);
+  }
+  const float after = mixed(std::min(count, last));
+  for (int64_t x = 0; x < count; ++x) {
+    const float next = x + 1 < count ? out[x + 1] : after;
+    out[x] += f * (next - out[x]);
+  }
+}
+
+/// Puts into `level`, where `samples` has any, the values at the centres of cells `width` voxels
+/// wide: sample p stands at voxel p * width.
+void ResampleAtCentres(const Grid& samples, int64_t width, int threads, Grid* level) {
+  const Box3 part = Intersect(level->box, samples.box);
+  const auto w = static_cast<float>(width);
+  const float f = (w - 1) / (2 * w);
+  const Box3& box = samples.box;
+  const int64_t skip = part.lo.x - box.lo.x;
+  ParallelFor(part.lo.z, part.hi.z, 4, threads, [&](int64_t first, int64_t last) {
+    for (int64_t z = first; z < last; ++z) {
+      const int64_t next_z = std::min(z + 1, box.hi.z - 1);
+      for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
+        const int64_t next_y = std::min(y + 1, box.hi.y - 1);
+        const float* const rows[4] = {samples.Row(y, z) + skip, samples.Row(next_y, z) + skip,
+                                      samples.Row(y, next_z) + skip,
+                                      samples.Row(next_y, next_z) + skip};
+        float* const out = level->Row(y, z) + (part.lo.x - level->box.lo.x);
+        const int64_t count = part.hi.x - part.lo.x;
+        if (f == 0) {
+          std::copy_n(rows[0], count, out);
+        } else {
+          ResampleRow(rows, f, box.hi.x - 1 - part.lo.x, count, out);
+        }
+      }
+    }
+  });
+}
+
+/// Every position inside the volume becomes a copy of its parent.
+void CopyParents(const Grid& parent, const Int3& dims, Grid* child) {
+  const Box3 inside = Intersect(child->box, Box3::OfSize(dims));
+  for (int64_t z = inside.lo.z; z < inside.hi.z; ++z) {
+    for (int64_t y = inside.lo.y; y < inside.hi.y; ++y) {
+      const float* const from = parent.Row(y >> 1, z >> 1) - parent.box.lo.x;
+      float* const to = child->Row(y, z) - child->box.lo.x;
+      for (int64_t x = inside.lo.x; x < inside.hi.x; ++x) {
+        to[x] = from[x >> 1];
+      }
+    }
+  }
+}
+
+/// Makes the levels of one volume, coarsest first.
+class LevelMaker {
+ public:
+  LevelMaker(const Basis& basis, Reconstruction how, const RetainedSet& retained, int threads,
+             std::vector<Grid>* levels)
+      : basis_(basis), how_(how), retained_(retained), threads_(threads), levels_(levels) {}
+
+  void Coarsest(Grid samples) {
+    Grid grid(samples.box.Grown(kApron));
+    ResampleAtCentres(samples, CellWidth(0), threads_, &grid);
+    RepeatBorder(samples.box, &grid);
+    levels_->push_back(std::move(grid));
+    samples_ = std::move(samples);
+  }
+
+  void Next(int level, std::span<const float> detail) {
+    const Box3& window = retained_.window(level);
+    const Int3 dims = retained_.hierarchy().DimsAt(level + 1);
+    const Box3& box = retained_.box(level + 1);
+    Grid grid(box.Grown(kApron));
+    if (basis_.wavelet == Wavelet::kHaar) {
+      wavelet::InverseLevel(basis_, level, levels_->back(), window, detail, dims, threads_, &grid);
+      levels_->push_back(std::move(grid));
+      return;
+    }
+    Grid samples(how_ == Reconstruction::kFast ? box
+                                               : Intersect(box.Grown(kReach), Box3::OfSize(dims)));
+    if (how_ == Reconstruction::kFast) {
+      samples_ = CopyPart(samples_, window);  // beyond its edge InverseLevel mirrors it
+      CopyParents(levels_->back(), dims, &grid);
+    }
+    wavelet::InverseLevel(basis_, level, samples_, window, detail, dims, threads_, &samples);
+    ResampleAtCentres(samples, CellWidth(level + 1), threads_, &grid);
+    RepeatBorder(Intersect(grid.box, Box3::OfSize(dims)), &grid);
+    levels_->push_back(std::move(grid));
+    samples_ = std::move(samples);
+  }
+
+ private:
+  /// The width of the cells in whose middle values belong; 1 where they stand there already.
+  [[nodiscard]] int64_t CellWidth(int level) const {
+    return basis_.wavelet == Wavelet::kHaar ? 1 : retained_.hierarchy().WidthAt(level);
+  }
+
+  const Basis basis_;
+  const Reconstruction how_;
+  const RetainedSet& retained_;
+  const int threads_;
+  std::vector<Grid>* levels_;
+  Grid samples_;  // the last level's, where they stand
+};
+
 }  // namespace
 
 StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& retained,
-                                  int threads, ReconstructStats* stats) {
+                                  int threads, ReconstructStats* stats, Reconstruction how) {
   ReconstructStats times;
   Stopwatch watch;
   const Hierarchy& hierarchy = retained.hierarchy();
   SuperVoxels result;
   result.retained = retained;
-  FOVEA_ASSIGN_OR_RETURN(Grid coarsest, CoarsestGrid(source));
+  LevelMaker maker(source.basis(), how, retained, threads, &result.levels);
+  Grid coarse(Box3::OfSize(hierarchy.DimsAt(0)));
+  FOVEA_RETURN_IF_ERROR(source.ReadCoarse(coarse.values));
   times.read_ms += watch.RestartMs();
-  result.levels.push_back(std::move(coarsest));
+  maker.Coarsest(std::move(coarse));
+  times.reconstruct_ms += watch.RestartMs();
   std::vector<float> detail;
   for (int level = 0; level < hierarchy.finest(); ++level) {
     const Box3& window = retained.window(level);
@@ -72,10 +162,7 @@ StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& 
     FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
     times.read_ms += watch.RestartMs();
     retained.Weigh(level, window, detail);
-    Grid child(retained.box(level + 1).Grown(kApron));
-    wavelet::InverseHaarLevel(result.levels[level], window, detail, hierarchy.DimsAt(level + 1),
-                              threads, &child);
-    result.levels.push_back(std::move(child));
+    maker.Next(level, detail);
     times.reconstruct_ms += watch.RestartMs();
   }
   for (const Grid& level : result.levels) {
@@ -91,7 +178,10 @@ StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& 
 SuperVoxels WholeVolume(const Grid& voxels, const Vec3& fovea, int threads) {
   SuperVoxels whole;
   whole.retained = RetainedSet::Whole(voxels.box.Size(), fovea);
-  whole.levels.push_back(WithApron(voxels, threads));
+  Grid grid(voxels.box.Grown(kApron));
+  ResampleAtCentres(voxels, /*width=*/1, threads, &grid);
+  RepeatBorder(voxels.box, &grid);
+  whole.levels.push_back(std::move(grid));
   whole.blocks.push_back(MakeValueBlocks(whole.levels.front(), threads));
   return whole;
 }
@@ -99,6 +189,7 @@ SuperVoxels WholeVolume(const Grid& voxels, const Vec3& fovea, int threads) {
 StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,
                              const RetainedSet* retained) {
   const Hierarchy& hierarchy = source.hierarchy();
+  const Basis basis = source.basis();
   std::vector<Box3> boxes(static_cast<size_t>(hierarchy.finest()) + 1);
   boxes.back() = Intersect(box, Box3::OfSize(hierarchy.dims()));
   if (boxes.back() != box || box.IsEmpty()) {
@@ -108,7 +199,7 @@ StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,
         hierarchy.dims().z);
   }
   for (int level = hierarchy.finest() - 1; level >= 0; --level) {
-    boxes[level] = ParentsOf(boxes[level + 1]);
+    boxes[level] = wavelet::ParentsOf(basis.wavelet, boxes[level + 1], hierarchy.DimsAt(level + 1));
   }
   Grid grid(Box3::OfSize(hierarchy.DimsAt(0)));
   FOVEA_RETURN_IF_ERROR(source.ReadCoarse(grid.values));
@@ -124,7 +215,8 @@ StatusOr<Grid> ExtractVoxels(CoefficientSource& source, const Box3& box,
       retained->Weigh(level, window, detail);
     }
     Grid child(boxes[level + 1]);
-    wavelet::InverseHaarLevel(grid, window, detail, hierarchy.DimsAt(level + 1), 0, &child);
+    wavelet::InverseLevel(basis, level, grid, window, detail, hierarchy.DimsAt(level + 1), 0,
+                          &child);
     grid = std::move(child);
   }
   return hierarchy.finest() == 0 ? CopyPart(grid, box) : grid;

@@ -159,8 +159,10 @@ StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats) 
   }
   Vec3 fovea;
   const auto width = static_cast<double>(hierarchy.WidthAt(0));
+  // Low-pass samples of CDF wavelets stand at the first voxel of their cells.
+  const double centre = source.basis().wavelet == Wavelet::kHaar ? 0.5 * width : 0.5;
   for (int axis = 0; axis < 3; ++axis) {
-    fovea[axis] = std::min((static_cast<double>(densest[axis]) + 0.5) * width,
+    fovea[axis] = std::min(static_cast<double>(densest[axis]) * width + centre,
                            static_cast<double>(hierarchy.dims()[axis]));
   }
   return fovea;

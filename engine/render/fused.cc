@@ -216,6 +216,10 @@ class FusedTracer {
 Status TraceFused(CoefficientSource& source, CoefficientSource* color, const RetainedSet& retained,
                   const ShearView& view, const Matrix4& index_to_world,
                   const RenderSettings& settings, TraceScratch* scratch, FusedStats* stats) {
+  if (source.basis() != Basis{} || (color != nullptr && color->basis() != Basis{})) {
+    return FailedPrecondition(
+        "fused rendering is for Haar coefficients in float32; render two-phase instead");
+  }
   const FrameInputs frame(retained, color != nullptr, view, index_to_world, settings);
   const int64_t margin = settings.lighting.enabled ? 1 : 0;
   SliceStack values(source, retained, view.axis_k, margin);

@@ -60,6 +60,7 @@ Status StoredDataset::Refresh() {
   const auto same_name = [](const FieldInfo& a, const FieldInfo& b) { return a.name == b.name; };
   const std::lock_guard lock(mutex_);
   if (fresh.hierarchy != info_.hierarchy || fresh.chunk_edge != info_.chunk_edge ||
+      fresh.wavelet != info_.wavelet ||
       !std::equal(fresh.fields.begin(), fresh.fields.end(), info_.fields.begin(),
                   info_.fields.end(), same_name)) {
     return FailedPrecondition("{} was replaced by another store; open it again", path_);

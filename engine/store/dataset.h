@@ -25,7 +25,7 @@ struct FieldInfo {
 /// The `fovea` attributes of the group (docs/formats/store.md).
 struct DatasetInfo {
   int format_version = 1;
-  std::string wavelet = "haar";
+  std::string wavelet = "haar";  // haar, cdf53 or cdf97
   Hierarchy hierarchy;     // dims_xyz
   Int3 origin;             // source index of voxel (0, 0, 0)
   Matrix4 index_to_world;  // our voxel coordinates to the world

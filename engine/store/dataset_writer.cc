@@ -181,6 +181,11 @@ Status Writer::CheckField(const std::string& field, const CoefficientSet& coeffi
         "the coefficients of field '{}' are not of {} x {} x {} voxels in bricks of {}", field,
         hierarchy.dims().x, hierarchy.dims().y, hierarchy.dims().z, info_.chunk_edge);
   }
+  if (WaveletName(coefficients.basis.wavelet) != info_.wavelet) {
+    return InvalidArgument(
+        "the coefficients of field '{}' are of the wavelet {}, the store's of {}", field,
+        WaveletName(coefficients.basis.wavelet), info_.wavelet);
+  }
   const auto& values = coefficients.coarse.values;
   if (!std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); })) {
     return InvalidArgument("a coarse value of field '{}' is not finite", field);

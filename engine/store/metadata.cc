@@ -12,6 +12,7 @@
 
 #include "engine/store/codec.h"
 #include "engine/store/file.h"
+#include "engine/volume/basis.h"
 
 namespace fovea::store {
 namespace {
@@ -72,10 +73,7 @@ Status ValidateFields(const DatasetInfo& info) {
 }  // namespace
 
 Status ValidateInfo(const DatasetInfo& info) {
-  if (info.wavelet != "haar") {
-    return InvalidArgument("wavelet '{}': only haar is known",
-                           info.wavelet.substr(0, kMaxNameLength));
-  }
+  FOVEA_RETURN_IF_ERROR(ParseWavelet(info.wavelet).status());
   if (info.chunk_edge != 8 && info.chunk_edge != 16 && info.chunk_edge != 32) {
     return InvalidArgument("chunk edge {}: it must be 8, 16 or 32", info.chunk_edge);
   }

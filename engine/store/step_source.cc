@@ -59,7 +59,8 @@ class StoredStep final : public StepSource {
         info_(std::move(info)),
         step_(step),
         field_(std::move(field)),
-        on_damage_(on_damage) {
+        on_damage_(on_damage),
+        basis_{ParseWavelet(info_.wavelet).value_or(Wavelet::kHaar)} {
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {
       layouts_.push_back(LevelLayout::Make(info_.hierarchy, info_.chunk_edge, level));
       tables_.push_back(std::make_unique<ChunkTable>(path_, field_, step_, layouts_.back()));
@@ -67,6 +68,7 @@ class StoredStep final : public StepSource {
   }
 
   [[nodiscard]] const Hierarchy& hierarchy() const override { return info_.hierarchy; }
+  [[nodiscard]] Basis basis() const override { return basis_; }
   [[nodiscard]] Status ReadCoarse(std::span<float> out) override;
   [[nodiscard]] Status ReadDetail(int level, const Box3& window, std::span<float> out) override;
   [[nodiscard]] ReadStats read_stats() const override;
@@ -92,6 +94,7 @@ class StoredStep final : public StepSource {
   const int64_t step_;
   const std::string field_;
   const OnDamage on_damage_;
+  const Basis basis_;
   std::vector<LevelLayout> layouts_;
   std::vector<std::unique_ptr<ChunkTable>> tables_;
   std::atomic<uint64_t> chunks_read_{0};

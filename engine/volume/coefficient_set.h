@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "engine/volume/basis.h"
 #include "engine/volume/brick_grid.h"
 #include "engine/volume/grid.h"
 #include "engine/volume/hierarchy.h"
@@ -13,6 +14,7 @@ namespace fovea {
 /// makes and the store writes. Bricks of zeros are absent.
 struct CoefficientSet {
   Hierarchy hierarchy;
+  Basis basis;
   /// LLL_0, whole, in data units.
   Grid coarse;
   /// detail[l], l = 0 .. L-1: the seven sub-bands that refine level l into level l+1, as a grid of

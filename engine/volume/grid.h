@@ -32,6 +32,10 @@ struct Grid {
   float* Row(int64_t y, int64_t z) { return values.data() + Index(box.lo.x, y, z); }
 };
 
+/// Every position of grid->box outside `inside` (not empty, within it) becomes a copy of the
+/// nearest position in `inside`.
+void RepeatBorder(const Box3& inside, Grid* grid);
+
 }  // namespace fovea
 
 #endif  // ENGINE_VOLUME_GRID_H_

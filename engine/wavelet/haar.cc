@@ -1,210 +1,240 @@
 #include "engine/wavelet/haar.h"
 
 #include <algorithm>
-#include <mutex>
-#include <set>
 #include <vector>
 
 #include "engine/base/parallel.h"
 
 namespace fovea::wavelet {
-namespace {
 
-/// A cube of `2 * edge` children a side, [z][y][x], becomes one brick of means and seven bricks of
-/// detail. Sums are in double and rounded once, so that a coefficient is exact to half an ulp.
-void TransformCube(const std::vector<float>& children, int64_t edge, BrickGrid::Brick& low,
-                   BrickGrid::Brick& detail) {
-  const int64_t cube = edge * edge * edge;
-  const int64_t row = 2 * edge;
-  for (int64_t z = 0; z < edge; ++z) {
-    for (int64_t y = 0; y < edge; ++y) {
-      for (int64_t x = 0; x < edge; ++x) {
-        const float* c = children.data() + ((2 * z) * row + 2 * y) * row + 2 * x;
-        double v[8] = {c[0],
-                       c[1],
-                       c[row],
-                       c[row + 1],
-                       c[row * row],
-                       c[row * row + 1],
-                       c[row * row + row],
-                       c[row * row + row + 1]};
-        for (int axis = 1; axis < 8; axis *= 2) {
-          for (int i = 0; i < 8; ++i) {
-            if ((i & axis) == 0) {
-              const double p = v[i];
-              const double q = v[i | axis];
-              v[i] = (p + q) / 2;
-              v[i | axis] = (p - q) / 2;
-            }
-          }
-        }
-        const int64_t at = (z * edge + y) * edge + x;
-        low[at] = static_cast<float>(v[0]);
-        for (int band = 1; band < 8; ++band) {
-          detail[(band - 1) * cube + at] = static_cast<float>(v[band]);
-        }
-      }
-    }
+void InverseHaarRow(const HaarBands& bands, int64_t count, const HaarRows& rows) {
+  const auto [a, x, y, xy, z, xz, yz, xyz] = bands;
+  float* __restrict r0 = rows[0];
+  float* __restrict r1 = rows[1];
+  float* __restrict r2 = rows[2];
+  float* __restrict r3 = rows[3];
+  for (int64_t i = 0; i < count; ++i) {
+    // Along z, then y, then x: sums and differences of low and high.
+    const float a0 = a[i] + z[i], a1 = a[i] - z[i];
+    const float x0 = x[i] + xz[i], x1 = x[i] - xz[i];
+    const float y0 = y[i] + yz[i], y1 = y[i] - yz[i];
+    const float d0 = xy[i] + xyz[i], d1 = xy[i] - xyz[i];
+    const float a00 = a0 + y0, a01 = a0 - y0, a10 = a1 + y1, a11 = a1 - y1;
+    const float x00 = x0 + d0, x01 = x0 - d0, x10 = x1 + d1, x11 = x1 - d1;
+    r0[2 * i] = a00 + x00;
+    r0[2 * i + 1] = a00 - x00;
+    r1[2 * i] = a01 + x01;
+    r1[2 * i + 1] = a01 - x01;
+    r2[2 * i] = a10 + x10;
+    r2[2 * i + 1] = a10 - x10;
+    r3[2 * i] = a11 + x11;
+    r3[2 * i + 1] = a11 - x11;
   }
 }
 
-/// Past the border of a grid with `dims` points, an odd last sample pairs with itself.
-void RepeatBorder(const Int3& dims, const Box3& box, std::vector<float>& values) {
-  const Int3 size = box.Size();
-  const auto at = [&](int64_t x, int64_t y, int64_t z) -> float& {
-    return values[(z * size.y + y) * size.x + x];
-  };
-  const Int3 in{std::min(size.x, dims.x - box.lo.x), std::min(size.y, dims.y - box.lo.y),
-                std::min(size.z, dims.z - box.lo.z)};
-  for (int64_t z = 0; z < in.z; ++z) {
-    for (int64_t y = 0; y < in.y; ++y) {
-      for (int64_t x = in.x; x < size.x; ++x) {
-        at(x, y, z) = at(in.x - 1, y, z);
-      }
-    }
-    for (int64_t y = in.y; y < size.y; ++y) {
-      std::copy_n(&at(0, in.y - 1, z), size.x, &at(0, y, z));
-    }
+void ForwardHaarRow(const std::array<const float*, 4>& rows, int64_t count,
+                    const std::array<float*, 8>& bands) {
+  const auto [r0, r1, r2, r3] = rows;
+  float* __restrict a = bands[0];
+  float* __restrict x = bands[1];
+  float* __restrict y = bands[2];
+  float* __restrict xy = bands[3];
+  float* __restrict z = bands[4];
+  float* __restrict xz = bands[5];
+  float* __restrict yz = bands[6];
+  float* __restrict xyz = bands[7];
+  for (int64_t i = 0; i < count; ++i) {
+    const float a00 = r0[2 * i] + r0[2 * i + 1], x00 = r0[2 * i] - r0[2 * i + 1];
+    const float a01 = r1[2 * i] + r1[2 * i + 1], x01 = r1[2 * i] - r1[2 * i + 1];
+    const float a10 = r2[2 * i] + r2[2 * i + 1], x10 = r2[2 * i] - r2[2 * i + 1];
+    const float a11 = r3[2 * i] + r3[2 * i + 1], x11 = r3[2 * i] - r3[2 * i + 1];
+    const float a0 = a00 + a01, y0 = a00 - a01, a1 = a10 + a11, y1 = a10 - a11;
+    const float x0 = x00 + x01, d0 = x00 - x01, x1 = x10 + x11, d1 = x10 - x11;
+    a[i] = (a0 + a1) * 0.125F;
+    z[i] = (a0 - a1) * 0.125F;
+    y[i] = (y0 + y1) * 0.125F;
+    yz[i] = (y0 - y1) * 0.125F;
+    x[i] = (x0 + x1) * 0.125F;
+    xz[i] = (x0 - x1) * 0.125F;
+    xy[i] = (d0 + d1) * 0.125F;
+    xyz[i] = (d0 - d1) * 0.125F;
   }
-  for (int64_t z = in.z; z < size.z; ++z) {
-    std::copy_n(&at(0, 0, in.z - 1), size.x * size.y, &at(0, 0, z));
-  }
-}
-
-bool AllZero(const BrickGrid::Brick& brick) {
-  return std::all_of(brick.begin(), brick.end(), [](float value) { return value == 0.0F; });
-}
-
-/// The positions of the bricks of the coarser level that have at least one stored child brick.
-std::vector<Int3> ParentBricks(const BrickGrid& finer) {
-  std::set<std::array<int64_t, 3>> parents;
-  for (const auto& [key, brick] : finer.bricks()) {
-    parents.insert({key[0] / 2, key[1] / 2, key[2] / 2});
-  }
-  std::vector<Int3> positions;
-  for (const auto& key : parents) {
-    positions.push_back({key[2], key[1], key[0]});
-  }
-  return positions;
-}
-
-/// Level l+1 (`finer`) to level l: its means and its detail.
-void TransformLevel(const BrickGrid& finer, int threads, BrickGrid* low, BrickGrid* detail) {
-  const int64_t edge = finer.edge();
-  const std::vector<Int3> parents = ParentBricks(finer);
-  std::mutex mutex;  // guards the two results
-  ParallelFor(
-      0, static_cast<int64_t>(parents.size()), 1, threads, [&](int64_t first, int64_t last) {
-        std::vector<float> children(static_cast<size_t>(8 * edge * edge * edge));
-        for (int64_t i = first; i < last; ++i) {
-          const Int3& at = parents[i];
-          const Box3 box{{2 * edge * at.x, 2 * edge * at.y, 2 * edge * at.z},
-                         {2 * edge * (at.x + 1), 2 * edge * (at.y + 1), 2 * edge * (at.z + 1)}};
-          finer.CopyOut(box, children);
-          RepeatBorder(finer.dims(), box, children);
-          BrickGrid::Brick means(static_cast<size_t>(low->brick_values()));
-          BrickGrid::Brick bands(static_cast<size_t>(detail->brick_values()));
-          TransformCube(children, edge, means, bands);
-          const bool has_detail = !AllZero(bands);
-          const std::lock_guard lock(mutex);
-          low->Touch(at) = std::move(means);
-          if (has_detail) {
-            detail->Touch(at) = std::move(bands);
-          }
-        }
-      });
-}
-
-}  // namespace
-
-CoefficientSet ForwardHaar(const BrickGrid& voxels, const Hierarchy& hierarchy, int threads) {
-  CoefficientSet set;
-  set.hierarchy = hierarchy;
-  set.detail.resize(static_cast<size_t>(hierarchy.finest()));
-  BrickGrid level_values;
-  const BrickGrid* finer = &voxels;
-  for (int level = hierarchy.finest() - 1; level >= 0; --level) {
-    const Int3 dims = hierarchy.DimsAt(level);
-    BrickGrid low(dims, voxels.edge(), 1, voxels.background());
-    set.detail[level] = BrickGrid(dims, voxels.edge(), 7, 0.0F);
-    TransformLevel(*finer, threads, &low, &set.detail[level]);
-    level_values = std::move(low);
-    finer = &level_values;
-  }
-  set.coarse = Grid(Box3::OfSize(hierarchy.DimsAt(0)));
-  finer->CopyOut(set.coarse.box, set.coarse.values);
-  return set;
 }
 
 namespace {
 
-/// Rows of children from rows of parents and, where the window has them, of detail.
-class RowInverse {
+/// Fills the slices of children of one slice of parents, four rows at a time.
+class SliceInverse {
  public:
-  RowInverse(const Grid& parent, const Box3& window, std::span<const float> detail,
-             const Int3& child_dims)
-      : parent_(parent), window_(window), detail_(detail), child_dims_(child_dims) {}
+  SliceInverse(const Grid& parent, const Box3& window, std::span<const float> detail,
+               const Int3& child_dims, Grid* child)
+      : parent_(parent),
+        window_(window.IsEmpty() ? Box3{} : window),
+        detail_(detail),
+        child_(*child),
+        inside_(Intersect(child->box, Box3::OfSize(child_dims))),
+        middle_lo_(std::clamp((inside_.lo.x + 1) >> 1, window_.lo.x, window_.hi.x)),
+        middle_hi_(std::clamp(inside_.hi.x >> 1, middle_lo_, window_.hi.x)) {}
 
-  /// Fills the row of `child` at (y, z), which may lie outside the volume.
-  void Fill(int64_t y, int64_t z, Grid* child) const {
-    const int64_t py = std::clamp<int64_t>(y, 0, child_dims_.y - 1);
-    const int64_t pz = std::clamp<int64_t>(z, 0, child_dims_.z - 1);
-    const int64_t first = std::max<int64_t>(child->box.lo.x, 0);
-    const int64_t last = std::min(child->box.hi.x, child_dims_.x);
-    float* row = child->Row(y, z) - child->box.lo.x;  // of x = 0
-    const float* means = parent_.Row(py >> 1, pz >> 1) - parent_.box.lo.x;
-    for (int64_t x = first; x < last; ++x) {
-      row[x] = means[x >> 1];
+  void Fill(int64_t pz) {
+    for (int64_t py = inside_.lo.y >> 1; 2 * py < inside_.hi.y; ++py) {
+      if (window_.Contains(Int3{window_.lo.x, py, pz})) {
+        FillWithDetail(py, pz);
+      } else {
+        FillCopies(py, pz);
+      }
     }
-    if (window_.Contains(Int3{window_.lo.x, py >> 1, pz >> 1})) {
-      AddDetail(means, py, pz, first, last, row);
-    }
-    std::fill(row + child->box.lo.x, row + first, row[first]);
-    std::fill(row + last, row + child->box.hi.x, row[last - 1]);
+    RepeatBorderRows(pz);
   }
 
  private:
-  /// The eight children of a parent are its mean with all combinations of signs of its detail.
-  void AddDetail(const float* means, int64_t y, int64_t z, int64_t first, int64_t last,
-                 float* row) const {
-    const Int3 size = window_.Size();
-    const int64_t plane = size.Product();
-    const float* d = detail_.data() +
-                     (((z >> 1) - window_.lo.z) * size.y + (y >> 1) - window_.lo.y) * size.x -
-                     window_.lo.x;  // of parent x = 0
-    const double sy = (y & 1) != 0 ? -1.0 : 1.0;
-    const double sz = (z & 1) != 0 ? -1.0 : 1.0;
-    for (int64_t px = window_.lo.x; px < window_.hi.x; ++px) {
-      const float* at = d + px;
-      const double low = means[px] + sy * at[plane] + sz * (at[3 * plane] + sy * at[5 * plane]);
-      const double high = at[0] + sy * at[2 * plane] + sz * (at[4 * plane] + sy * at[6 * plane]);
-      if (2 * px >= first && 2 * px < last) {
-        row[2 * px] = static_cast<float>(low + high);
+  /// Row (y, z) of the children, of x = 0; null if the box lacks it.
+  float* ChildRow(int64_t y, int64_t z) {
+    const bool has = y >= inside_.lo.y && y < inside_.hi.y && z >= inside_.lo.z && z < inside_.hi.z;
+    return has ? child_.Row(y, z) - child_.box.lo.x : nullptr;
+  }
+
+  static void Copy(const float* means, int64_t first, int64_t last, float* row) {
+    for (int64_t x = first; x < last; ++x) {
+      row[x] = means[x >> 1];
+    }
+  }
+
+  void RepeatBorderX(float* row) const {
+    std::fill(row + child_.box.lo.x, row + inside_.lo.x, row[inside_.lo.x]);
+    std::fill(row + inside_.hi.x, row + child_.box.hi.x, row[inside_.hi.x - 1]);
+  }
+
+  void FillCopies(int64_t py, int64_t pz) {
+    const float* means = parent_.Row(py, pz) - parent_.box.lo.x;
+    const float* first = nullptr;
+    for (int i = 0; i < 4; ++i) {
+      float* row = ChildRow(2 * py + i % 2, 2 * pz + i / 2);
+      if (row == nullptr) {
+        continue;
       }
-      if (2 * px + 1 >= first && 2 * px + 1 < last) {
-        row[2 * px + 1] = static_cast<float>(low - high);
+      if (first != nullptr) {
+        std::copy(first + child_.box.lo.x, first + child_.box.hi.x, row + child_.box.lo.x);
+        continue;
+      }
+      Copy(means, inside_.lo.x, inside_.hi.x, row);
+      RepeatBorderX(row);
+      first = row;
+    }
+  }
+
+  void FillWithDetail(int64_t py, int64_t pz) {
+    const float* means = parent_.Row(py, pz) - parent_.box.lo.x;
+    HaarRows rows{};
+    for (int i = 0; i < 4; ++i) {
+      float* row = ChildRow(2 * py + i % 2, 2 * pz + i / 2);
+      rows[i] = row;
+      if (row != nullptr) {
+        Copy(means, inside_.lo.x, std::min(inside_.hi.x, 2 * window_.lo.x), row);
+        Copy(means, std::max(inside_.lo.x, 2 * window_.hi.x), inside_.hi.x, row);
+      }
+    }
+    Expand(py, pz, means, middle_lo_, middle_hi_, rows);
+    for (const int64_t px : {inside_.lo.x >> 1, inside_.hi.x >> 1}) {  // pairs cut by an edge
+      const bool cut = 2 * px < inside_.lo.x || 2 * px + 1 >= inside_.hi.x;
+      if (cut && 2 * px < inside_.hi.x && px >= window_.lo.x && px < window_.hi.x) {
+        ExpandOne(py, pz, means, px, rows);
+      }
+    }
+    for (float* row : rows) {
+      if (row != nullptr) {
+        RepeatBorderX(row);
+      }
+    }
+  }
+
+  HaarBands BandsAt(int64_t px, int64_t py, int64_t pz, const float* means) const {
+    const Int3 size = window_.Size();
+    HaarBands bands{means + px};
+    const float* at = detail_.data() + ((pz - window_.lo.z) * size.y + py - window_.lo.y) * size.x +
+                      px - window_.lo.x;
+    for (int band = 1; band < 8; ++band) {
+      bands[band] = at + (band - 1) * size.Product();
+    }
+    return bands;
+  }
+
+  void Expand(int64_t py, int64_t pz, const float* means, int64_t first, int64_t last,
+              HaarRows rows) {
+    bool spare = false;
+    for (float*& row : rows) {
+      spare = spare || row == nullptr;
+      row = row == nullptr ? nullptr : row + 2 * first;
+    }
+    if (spare) {  // rows that the box lacks are made too, and thrown away
+      spare_.resize(static_cast<size_t>(8 * window_.Size().x));
+      for (int i = 0; i < 4; ++i) {
+        rows[i] = rows[i] != nullptr ? rows[i] : spare_.data() + 2 * i * window_.Size().x;
+      }
+    }
+    InverseHaarRow(BandsAt(first, py, pz, means), last - first, rows);
+  }
+
+  void ExpandOne(int64_t py, int64_t pz, const float* means, int64_t px, const HaarRows& rows) {
+    std::array<std::array<float, 2>, 4> pairs;
+    InverseHaarRow(BandsAt(px, py, pz, means), 1,
+                   {pairs[0].data(), pairs[1].data(), pairs[2].data(), pairs[3].data()});
+    for (int i = 0; i < 4; ++i) {
+      for (int64_t x = std::max(2 * px, inside_.lo.x); x < std::min(2 * px + 2, inside_.hi.x);
+           ++x) {
+        if (rows[i] != nullptr) {
+          rows[i][x] = pairs[i][x - 2 * px];
+        }
+      }
+    }
+  }
+
+  void RepeatBorderRows(int64_t pz) {
+    const int64_t width = child_.box.Size().x;
+    for (int64_t z = std::max(2 * pz, inside_.lo.z); z < std::min(2 * pz + 2, inside_.hi.z); ++z) {
+      for (int64_t y = child_.box.lo.y; y < inside_.lo.y; ++y) {
+        std::copy_n(child_.Row(inside_.lo.y, z), width, child_.Row(y, z));
+      }
+      for (int64_t y = inside_.hi.y; y < child_.box.hi.y; ++y) {
+        std::copy_n(child_.Row(inside_.hi.y - 1, z), width, child_.Row(y, z));
       }
     }
   }
 
   const Grid& parent_;
-  const Box3& window_;
+  const Box3 window_;
   std::span<const float> detail_;
-  const Int3& child_dims_;
+  Grid& child_;
+  const Box3 inside_;
+  const int64_t middle_lo_, middle_hi_;  // parents both of whose children along x are in the box
+  std::vector<float> spare_;
 };
 
 }  // namespace
 
+void InverseHaarSlices(const Grid& parent, const Box3& window, std::span<const float> detail,
+                       const Int3& child_dims, int64_t pz, Grid* child) {
+  SliceInverse(parent, window, detail, child_dims, child).Fill(pz);
+}
+
 void InverseHaarLevel(const Grid& parent, const Box3& window, std::span<const float> detail,
                       const Int3& child_dims, int threads, Grid* child) {
-  const RowInverse inverse(parent, window, detail, child_dims);
-  ParallelFor(child->box.lo.z, child->box.hi.z, 4, threads, [&](int64_t first, int64_t last) {
-    for (int64_t z = first; z < last; ++z) {
-      for (int64_t y = child->box.lo.y; y < child->box.hi.y; ++y) {
-        inverse.Fill(y, z, child);
-      }
-    }
-  });
+  const Box3 inside = Intersect(child->box, Box3::OfSize(child_dims));
+  ParallelFor(inside.lo.z >> 1, (inside.hi.z + 1) >> 1, 4, threads,
+              [&](int64_t first, int64_t last) {
+                SliceInverse slices(parent, window, detail, child_dims, child);
+                for (int64_t pz = first; pz < last; ++pz) {
+                  slices.Fill(pz);
+                }
+              });
+  const size_t slice = static_cast<size_t>(child->box.Size().x * child->box.Size().y);
+  for (int64_t z = child->box.lo.z; z < inside.lo.z; ++z) {
+    std::copy_n(child->Row(child->box.lo.y, inside.lo.z), slice, child->Row(child->box.lo.y, z));
+  }
+  for (int64_t z = inside.hi.z; z < child->box.hi.z; ++z) {
+    std::copy_n(child->Row(child->box.lo.y, inside.hi.z - 1), slice,
+                child->Row(child->box.lo.y, z));
+  }
 }
 
 }  // namespace fovea::wavelet

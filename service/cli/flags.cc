@@ -188,6 +188,11 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
       ->group(kForeignGroup);
 }
 
+void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest) {
+  AddParsed(app, "--wavelet", "W", ParseWavelet, Into(&ingest->wavelet),
+            "haar, cdf53 or cdf97 (default haar; with --append, the dataset's)");
+}
+
 void AddPictureInput(CLI::App* app, PictureInput* input) {
   app->add_option("input", input->inputs,
                   "A dataset (NAME.zarr), or foreign files: names, globs, 'smoke.####.vdb'")

@@ -66,6 +66,7 @@ void AddIngest(CLI::App* app, IngestCommand* command) {
                    "coefficients (default 16)")
       ->check(CLI::IsMember({8, 16, 32}))
       ->type_name("C");
+  AddBasisFlags(verb, &command->ingest);
   AddForeignFlags(verb, &command->ingest);
   AddThreadsFlag(verb, &command->ingest.threads);
   AddOutputFlags(verb, &command->output);

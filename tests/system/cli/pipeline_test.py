@@ -73,6 +73,28 @@ class Pipeline(support.FoveaTest):
         far = np.abs(np.load(out) - voxels.astype(np.float32)).max()
         self.assertLessEqual(far, 4 * np.spacing(np.float32(65535)))
 
+    def test_every_wavelet_works_everywhere(self):
+        whole = {}
+        for wavelet in ("haar", "cdf53", "cdf97"):
+            store, out = self.folder / f"{wavelet}.zarr", self.folder / f"{wavelet}.npy"
+            self.fovea("ingest", support.PLUME / "plume_0041.vdb", "--wavelet", wavelet, "-o", store)
+            self.assertEqual(self.fovea_json("info", store)["wavelet"], wavelet)
+            self.assertEqual(self.fovea_json("verify", store)["problems"], [])
+            self.fovea("extract", store, "-o", out)
+            whole[wavelet] = np.load(out)
+            np.testing.assert_allclose(whole[wavelet], whole["haar"], atol=1e-5)
+            for rate in (8, 4096):
+                self.fovea("render", store, "--fovea", "18,10,14", "--rate", rate, "--view", "30,20",
+                           "--transfer", "0:1,1,1:0;1:1,0.5,0:0.3", "--size", "64x64",
+                           "-o", self.folder / f"{wavelet}{rate}.npy")
+        pictures = {(w, r): np.load(self.folder / f"{w}{r}.npy")
+                    for w in whole for r in (8, 4096)}
+        for wavelet in ("cdf53", "cdf97"):  # everything kept: the same voxels, the same picture
+            full = np.abs(pictures[wavelet, 4096] - pictures["haar", 4096]).max()
+            some = np.abs(pictures[wavelet, 8] - pictures["haar", 4096]).max()
+            self.assertLess(full, 1e-4)
+            self.assertTrue(1e-3 < some < 0.5, some)
+
     def test_a_picture_is_the_same_in_every_format(self):
         common = ["--step", 8, "--size", "96x64", "--view", "35,-20", "--rate", 16]
         for ending in ("png", "jpg", "exr", "tif", "npy"):

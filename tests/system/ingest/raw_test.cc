@@ -203,6 +203,38 @@ TEST_F(RawTest, SpacingBecomesTheMatrix) {
   EXPECT_EQ(dataset->info().origin, (Int3{0, 0, 0}));
 }
 
+TEST_F(RawTest, EveryWaveletGivesTheVoxelsBackThroughTheStore) {
+  std::mt19937 random(6);
+  std::string bytes;
+  std::vector<float> values;
+  for (int i = 0; i < 45 * 38 * 21; ++i) {
+    values.push_back(static_cast<float>(random() % 60000) - 20000);
+    AppendAs("float32", values.back(), false, &bytes);
+  }
+  Write("a.raw", bytes);
+  for (const Wavelet wavelet : {Wavelet::kHaar, Wavelet::kCdf53, Wavelet::kCdf97}) {
+    IngestOptions options = Options("a.raw", {{45, 38, 21}, "float32", false, 0, 1});
+    options.wavelet = wavelet;
+    options.output = folder_ / (std::string(WaveletName(wavelet)) + ".zarr");
+    ASSERT_OK(Ingest(options));
+    ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+    EXPECT_EQ(dataset->info().wavelet, WaveletName(wavelet));
+    ASSERT_OK_AND_ASSIGN(const Grid voxels, StoredVoxels(options.output, 0, "density"));
+    for (size_t i = 0; i < values.size(); ++i) {
+      ASSERT_NEAR(voxels.values[i], values[i], 60000 * 2e-6) << i;
+    }
+    options.append = true;
+    options.wavelet = std::nullopt;
+    ASSERT_OK(Ingest(options));
+    ASSERT_OK_AND_ASSIGN(const Grid again, StoredVoxels(options.output, 1, "density"));
+    EXPECT_EQ(again.values, voxels.values);
+    options.wavelet = wavelet == Wavelet::kHaar ? Wavelet::kCdf53 : Wavelet::kHaar;
+    EXPECT_THAT(Ingest(options),
+                FailsWith(absl::StatusCode::kInvalidArgument,
+                          std::string("of the wavelet ") + std::string(WaveletName(wavelet))));
+  }
+}
+
 TEST_F(RawTest, StepsOfSeveralFilesAreAppended) {
   Write("a.raw", std::string(16, 'a'));
   Write("b.raw", std::string(16, 'b'));

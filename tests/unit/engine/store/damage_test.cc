@@ -271,7 +271,7 @@ TEST_F(DamagedStore, AttributesThatCannotBeAreRefused) {
   expect(kPrecondition, "/index_to_world/0", 0.0);
   expect(kDataLoss, "/index_to_world/0", "one");
   expect(kPrecondition, "/time_unit", "s");
-  expect(kPrecondition, "/wavelet", "cdf53");
+  expect(kPrecondition, "/wavelet", "db4");
   expect(kPrecondition, "/default_field", "smoke");
   expect(kPrecondition, "/fields", json::object());
   expect(kDataLoss, "/fields", 3);

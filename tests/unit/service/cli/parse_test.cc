@@ -71,6 +71,13 @@ TEST(Parse, NothingSaidIsNothingSet) {
   EXPECT_FALSE(command.input.server.has_value());
 }
 
+TEST(Parse, IngestTakesAWavelet) {
+  const auto command =
+      Parsed<IngestCommand>({"ingest", "a.vdb", "-o", "x.zarr", "--wavelet", "cdf97"});
+  EXPECT_EQ(command.ingest.wavelet, Wavelet::kCdf97);
+  EXPECT_FALSE(Parsed<IngestCommand>({"ingest", "a.vdb", "-o", "x.zarr"}).ingest.wavelet);
+}
+
 TEST(Parse, IngestTakesRawFormats) {
   const auto command = Parsed<IngestCommand>({"ingest",
                                               "a.raw",
