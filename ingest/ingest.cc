@@ -40,6 +40,20 @@ Status CheckOptions(const IngestOptions& options) {
   return absl::OkStatus();
 }
 
+/// What whole numbers of the files become without loss: int16 of 8 bits, int32 of 16.
+StatusOr<std::string> LosslessType(const IngestOptions& options) {
+  const std::string type = options.raw ? options.raw->type : "";
+  if (type == "uint8" || type == "int8") {
+    return "int16";
+  }
+  if (type == "uint16" || type == "int16") {
+    return "int32";
+  }
+  return InvalidArgument(
+      "lossless integer coefficients are made of raw voxels of 8 or 16 bits, not of {}",
+      options.raw ? type : "VDB files");
+}
+
 /// How often something happened to a field, and where first.
 struct Tally {
   uint64_t values = 0;
@@ -69,6 +83,7 @@ class Run {
   [[nodiscard]] IngestReport TakeReport();
 
  private:
+  Status ChooseBasis();
   Status OpenExisting(std::optional<ExistingStore>* existing);
   Status Plan(bool from_voxels);
   Status ScanAndPlan(const std::vector<SequenceFile>& files,
@@ -85,6 +100,7 @@ class Run {
   SeriesPlan plan_;
   Hierarchy hierarchy_;
   Basis basis_;
+  std::string stored_type_ = "float32";
   std::unique_ptr<store::DatasetWriter> writer_;
   bool made_store_ = false;
   bool metadata_was_wrong_ = false;
@@ -108,16 +124,45 @@ Status Run::Execute(bool from_voxels) {
                   report_.steps, report_.steps == 1 ? "step" : "steps", options_.output));
 }
 
+/// What coefficients to make: as asked, or as the store that is appended to has them.
+Status Run::ChooseBasis() {
+  basis_ = {options_.wavelet.value_or(Wavelet::kHaar), options_.lossless};
+  if (writer_ != nullptr) {
+    const store::DatasetInfo& info = writer_->info();
+    FOVEA_ASSIGN_OR_RETURN(basis_.wavelet, ParseWavelet(info.wavelet));
+    if (options_.wavelet.value_or(basis_.wavelet) != basis_.wavelet) {
+      return InvalidArgument("'{}' holds coefficients of the wavelet {}: {} cannot be added to it",
+                             options_.output, info.wavelet, WaveletName(*options_.wavelet));
+    }
+    stored_type_ = info.fields.front().type;
+    basis_.integer = stored_type_ != "float32";
+    if (options_.lossless && !basis_.integer) {
+      return InvalidArgument("'{}' holds float32 coefficients: integers cannot be added to it",
+                             options_.output);
+    }
+  }
+  if (!basis_.integer) {
+    return absl::OkStatus();
+  }
+  if (basis_.wavelet == Wavelet::kCdf97) {
+    return InvalidArgument(
+        "lossless: there is no reversible integer form of cdf97, only of haar "
+        "and cdf53");
+  }
+  FOVEA_ASSIGN_OR_RETURN(const std::string needed, LosslessType(options_));
+  if (writer_ == nullptr) {
+    stored_type_ = needed;
+  } else if (stored_type_ == "int16" && needed != "int16") {
+    return InvalidArgument("'{}' holds int16 coefficients: voxels of 16 bits do not fit",
+                           options_.output);
+  }
+  return absl::OkStatus();
+}
+
 Status Run::OpenExisting(std::optional<ExistingStore>* existing) {
   FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Append(options_.output));
   existing->emplace();
   (*existing)->info = writer_->info();
-  FOVEA_ASSIGN_OR_RETURN(basis_.wavelet, ParseWavelet(writer_->info().wavelet));
-  if (options_.wavelet.value_or(basis_.wavelet) != basis_.wavelet) {
-    return InvalidArgument("'{}' holds coefficients of the wavelet {}: {} cannot be added to it",
-                           options_.output, writer_->info().wavelet,
-                           WaveletName(*options_.wavelet));
-  }
   const int64_t steps = writer_->info().committed_steps;
   if (steps > 0) {
     FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(options_.output));
@@ -142,10 +187,10 @@ Status Run::ScanAndPlan(const std::vector<SequenceFile>& files,
 
 Status Run::Plan(bool from_voxels) {
   std::optional<ExistingStore> existing;
-  basis_.wavelet = options_.wavelet.value_or(Wavelet::kHaar);
   if (options_.append) {
     FOVEA_RETURN_IF_ERROR(OpenExisting(&existing));
   }
+  FOVEA_RETURN_IF_ERROR(ChooseBasis());
   FOVEA_ASSIGN_OR_RETURN(const std::vector<SequenceFile> files,
                          ResolveInputs(options_.inputs, options_.on_missing));
   Status status = ScanAndPlan(files, existing, from_voxels);
@@ -225,6 +270,7 @@ Status Run::CreateStore() {
   for (const std::string& name : plan_.fields) {
     store::FieldInfo field;
     field.name = name;
+    field.type = stored_type_;
     info.fields.push_back(field);
     if (name == "density") {
       info.default_field = name;

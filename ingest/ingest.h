@@ -54,6 +54,9 @@ struct IngestOptions {
   OnMissing on_missing = OnMissing::kError;
   int64_t chunk_edge = 16;
   std::optional<Wavelet> wavelet;  // default Haar; with `append`, what the store has
+  /// Reversible integer coefficients (Haar or CDF 5/3) of raw voxels of 8 bits, stored as int16, or
+  /// of 16, stored as int32. With `append`, as the store has it.
+  bool lossless = false;
   int threads = 0;
   WorkerLimits worker;
 };

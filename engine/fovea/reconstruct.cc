@@ -83,45 +83,56 @@ void CopyParents(const Grid& parent, const Int3& dims, Grid* child) {
   }
 }
 
-/// Makes the levels of one volume, coarsest first.
+/// Makes the levels of one volume, coarsest first, in the memory of those that are there.
 class LevelMaker {
  public:
   LevelMaker(const Basis& basis, Reconstruction how, const RetainedSet& retained, int threads,
              std::vector<Grid>* levels)
-      : basis_(basis), how_(how), retained_(retained), threads_(threads), levels_(levels) {}
+      : basis_(basis), how_(how), retained_(retained), threads_(threads), levels_(*levels) {
+    levels_.resize(static_cast<size_t>(retained.hierarchy().finest()) + 1);
+  }
 
   void Coarsest(Grid samples) {
-    Grid grid(samples.box.Grown(kApron));
+    Grid& grid = levels_.front();
+    Reset(samples.box.Grown(kApron), &grid);
     ResampleAtCentres(samples, CellWidth(0), threads_, &grid);
     RepeatBorder(samples.box, &grid);
-    levels_->push_back(std::move(grid));
     samples_ = std::move(samples);
   }
 
+  /// Level `level` + 1, which may be empty.
   void Next(int level, std::span<const float> detail) {
     const Box3& window = retained_.window(level);
     const Int3 dims = retained_.hierarchy().DimsAt(level + 1);
     const Box3& box = retained_.box(level + 1);
-    Grid grid(box.Grown(kApron));
-    if (basis_.wavelet == Wavelet::kHaar) {
-      wavelet::InverseLevel(basis_, level, levels_->back(), window, detail, dims, threads_, &grid);
-      levels_->push_back(std::move(grid));
+    const Grid& parent = levels_[static_cast<size_t>(level)];
+    Grid& grid = levels_[static_cast<size_t>(level) + 1];
+    Reset(window.IsEmpty() ? Box3{} : box.Grown(kApron), &grid);
+    if (window.IsEmpty()) {
       return;
     }
-    Grid samples(how_ == Reconstruction::kFast ? box
-                                               : Intersect(box.Grown(kReach), Box3::OfSize(dims)));
-    if (how_ == Reconstruction::kFast) {
-      samples_ = CopyPart(samples_, window);  // beyond its edge InverseLevel mirrors it
-      CopyParents(levels_->back(), dims, &grid);
+    if (basis_.wavelet == Wavelet::kHaar) {
+      wavelet::InverseLevel(basis_, level, parent, window, detail, dims, threads_, &grid);
+      return;
     }
-    wavelet::InverseLevel(basis_, level, samples_, window, detail, dims, threads_, &samples);
-    ResampleAtCentres(samples, CellWidth(level + 1), threads_, &grid);
+    const bool fast = how_ == Reconstruction::kFast;
+    if (fast) {
+      samples_ = CopyPart(samples_, window);  // beyond its edge InverseLevel mirrors it
+      CopyParents(parent, dims, &grid);
+    }
+    Reset(fast ? box : Intersect(box.Grown(kReach), Box3::OfSize(dims)), &finer_samples_);
+    wavelet::InverseLevel(basis_, level, samples_, window, detail, dims, threads_, &finer_samples_);
+    std::swap(samples_, finer_samples_);
+    ResampleAtCentres(samples_, CellWidth(level + 1), threads_, &grid);
     RepeatBorder(Intersect(grid.box, Box3::OfSize(dims)), &grid);
-    levels_->push_back(std::move(grid));
-    samples_ = std::move(samples);
   }
 
  private:
+  static void Reset(const Box3& box, Grid* grid) {
+    grid->box = box;
+    grid->values.resize(static_cast<size_t>(box.Volume()));
+  }
+
   /// The width of the cells in whose middle values belong; 1 where they stand there already.
   [[nodiscard]] int64_t CellWidth(int level) const {
     return basis_.wavelet == Wavelet::kHaar ? 1 : retained_.hierarchy().WidthAt(level);
@@ -131,20 +142,20 @@ class LevelMaker {
   const Reconstruction how_;
   const RetainedSet& retained_;
   const int threads_;
-  std::vector<Grid>* levels_;
-  Grid samples_;  // the last level's, where they stand
+  std::vector<Grid>& levels_;
+  Grid samples_;        // the last level's, where they stand
+  Grid finer_samples_;  // memory for the next one's
 };
 
 }  // namespace
 
-StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& retained,
-                                  int threads, ReconstructStats* stats, Reconstruction how) {
+Status ReconstructInto(CoefficientSource& source, const RetainedSet& retained, int threads,
+                       Reconstruction how, SuperVoxels* volume, ReconstructStats* stats) {
   ReconstructStats times;
   Stopwatch watch;
   const Hierarchy& hierarchy = retained.hierarchy();
-  SuperVoxels result;
-  result.retained = retained;
-  LevelMaker maker(source.basis(), how, retained, threads, &result.levels);
+  volume->retained = retained;
+  LevelMaker maker(source.basis(), how, volume->retained, threads, &volume->levels);
   Grid coarse(Box3::OfSize(hierarchy.DimsAt(0)));
   FOVEA_RETURN_IF_ERROR(source.ReadCoarse(coarse.values));
   times.read_ms += watch.RestartMs();
@@ -153,26 +164,32 @@ StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& 
   std::vector<float> detail;
   for (int level = 0; level < hierarchy.finest(); ++level) {
     const Box3& window = retained.window(level);
-    if (window.IsEmpty()) {
-      result.levels.emplace_back();
-      continue;
-    }
     detail.resize(static_cast<size_t>(7 * window.Volume()));
     watch.RestartMs();
-    FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
-    times.read_ms += watch.RestartMs();
-    retained.Weigh(level, window, detail);
+    if (!window.IsEmpty()) {
+      FOVEA_RETURN_IF_ERROR(source.ReadDetail(level, window, detail));
+      times.read_ms += watch.RestartMs();
+      retained.Weigh(level, window, detail);
+    }
     maker.Next(level, detail);
     times.reconstruct_ms += watch.RestartMs();
   }
-  for (const Grid& level : result.levels) {
-    result.blocks.push_back(MakeValueBlocks(level, threads));
+  volume->blocks.clear();
+  for (const Grid& level : volume->levels) {
+    volume->blocks.push_back(MakeValueBlocks(level, threads));
   }
   times.reconstruct_ms += watch.RestartMs();
   if (stats != nullptr) {
     *stats = times;
   }
-  return result;
+  return absl::OkStatus();
+}
+
+StatusOr<SuperVoxels> Reconstruct(CoefficientSource& source, const RetainedSet& retained,
+                                  int threads, ReconstructStats* stats, Reconstruction how) {
+  SuperVoxels volume;
+  FOVEA_RETURN_IF_ERROR(ReconstructInto(source, retained, threads, how, &volume, stats));
+  return volume;
 }
 
 SuperVoxels WholeVolume(const Grid& voxels, const Vec3& fovea, int threads) {

@@ -50,6 +50,11 @@ enum class Reconstruction {
                                                 const RetainedSet& retained, int threads,
                                                 ReconstructStats* stats = nullptr,
                                                 Reconstruction how = Reconstruction::kExact);
+/// The same into what a frame before has left: its memory is used again, so that a moving fovea or
+/// a sequence allocates nothing for its levels. After an error *volume holds nothing of use.
+[[nodiscard]] Status ReconstructInto(CoefficientSource& source, const RetainedSet& retained,
+                                     int threads, Reconstruction how, SuperVoxels* volume,
+                                     ReconstructStats* stats = nullptr);
 
 /// The voxels of `box` (within the volume) from all coefficients that lead to them: the exact
 /// inverse transform. With `retained` given, only its coefficients count: the foveated volume V_f.

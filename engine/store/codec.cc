@@ -8,6 +8,8 @@
 #include <isa-l/crc.h>
 #include <zstd.h>
 
+#include "engine/store/stored_type.h"
+
 namespace fovea::store {
 
 static_assert(std::endian::native == std::endian::little,
@@ -103,6 +105,17 @@ Status Decoder::Decode(std::span<const std::byte> encoded, std::span<std::byte> 
   if (size != raw.size()) {
     return DataLoss("{} bytes instead of {}", size, raw.size());
   }
+  return absl::OkStatus();
+}
+
+Status Decoder::DecodeValues(std::span<const std::byte> encoded, const std::string& type,
+                             std::span<float> values) {
+  if (!IsIntegerType(type)) {
+    return Decode(encoded, std::as_writable_bytes(values));
+  }
+  raw_.resize(values.size() * static_cast<size_t>(BytesOfType(type)));
+  FOVEA_RETURN_IF_ERROR(Decode(encoded, raw_));
+  FromStored(raw_, type, values);
   return absl::OkStatus();
 }
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "engine/base/status.h"
@@ -40,10 +41,14 @@ class Decoder {
   /// Fills `raw`, whose size is what metadata says the chunk must have. DATA_LOSS, saying what is
   /// wrong but not where, if a checksum or a length does not fit.
   [[nodiscard]] Status Decode(std::span<const std::byte> encoded, std::span<std::byte> raw);
+  /// The same for coefficients stored as `type` (stored_type.h).
+  [[nodiscard]] Status DecodeValues(std::span<const std::byte> encoded, const std::string& type,
+                                    std::span<float> values);
 
  private:
   struct State;
   std::unique_ptr<State> state_;
+  std::vector<std::byte> raw_;
 };
 
 /// Splits the CRC32C off the end of `bytes` and checks it; DATA_LOSS if it does not fit.

@@ -11,6 +11,12 @@
 #include "engine/store/step_source.h"
 
 namespace fovea::store {
+
+const std::string& DatasetInfo::TypeOf(const std::string& field) const {
+  const auto is_field = [&](const FieldInfo& known) { return known.name == field; };
+  return std::find_if(fields.begin(), fields.end(), is_field)->type;
+}
+
 namespace {
 
 /// Every array must be what the group says, and have the committed steps.

@@ -17,7 +17,9 @@ namespace fovea::store {
 
 struct FieldInfo {
   std::string name;
-  std::string type = "float32";     // of the stored coefficients
+  /// Of the stored coefficients: float32; or int16 or int32, which are of the reversible integer
+  /// transform.
+  std::string type = "float32";
   double minimum = 0, maximum = 0;  // data units, over every committed step
   friend bool operator==(const FieldInfo&, const FieldInfo&) = default;
 };
@@ -26,16 +28,19 @@ struct FieldInfo {
 struct DatasetInfo {
   int format_version = 1;
   std::string wavelet = "haar";  // haar, cdf53 or cdf97
-  Hierarchy hierarchy;     // dims_xyz
-  Int3 origin;             // source index of voxel (0, 0, 0)
-  Matrix4 index_to_world;  // our voxel coordinates to the world
-  std::string world_unit;  // may be empty: unknown
-  std::string clock;       // what time 0 is; may be empty
+  Hierarchy hierarchy;           // dims_xyz
+  Int3 origin;                   // source index of voxel (0, 0, 0)
+  Matrix4 index_to_world;        // our voxel coordinates to the world
+  std::string world_unit;        // may be empty: unknown
+  std::string clock;             // what time 0 is; may be empty
   std::string retention = "all";
   int64_t committed_steps = 0;
   std::string default_field;
   std::vector<FieldInfo> fields;
   int64_t chunk_edge = 16;  // detail chunks are [1, 7, c, c, c]: 8, 16 or 32
+
+  /// Of a field that is there.
+  [[nodiscard]] const std::string& TypeOf(const std::string& field) const;
 };
 
 /// What reading one step cost so far.

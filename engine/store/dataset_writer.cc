@@ -181,10 +181,15 @@ Status Writer::CheckField(const std::string& field, const CoefficientSet& coeffi
         "the coefficients of field '{}' are not of {} x {} x {} voxels in bricks of {}", field,
         hierarchy.dims().x, hierarchy.dims().y, hierarchy.dims().z, info_.chunk_edge);
   }
-  if (WaveletName(coefficients.basis.wavelet) != info_.wavelet) {
+  const Basis& basis = coefficients.basis;
+  if (WaveletName(basis.wavelet) != info_.wavelet) {
     return InvalidArgument(
         "the coefficients of field '{}' are of the wavelet {}, the store's of {}", field,
-        WaveletName(coefficients.basis.wavelet), info_.wavelet);
+        WaveletName(basis.wavelet), info_.wavelet);
+  }
+  if (basis.integer != IsIntegerType(info_.TypeOf(field))) {
+    return InvalidArgument("the coefficients of field '{}' are {}, the store's {}", field,
+                           basis.integer ? "integers" : "floats", info_.TypeOf(field));
   }
   const auto& values = coefficients.coarse.values;
   if (!std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); })) {
@@ -195,15 +200,17 @@ Status Writer::CheckField(const std::string& field, const CoefficientSet& coeffi
 
 Status Writer::WriteFieldFiles(const std::string& field, const CoefficientSet& coefficients) {
   const int64_t step = info_.committed_steps;
+  const std::string& type = info_.TypeOf(field);
   Encoder encoder;
   // Stored even if it is all zeros: no step is without it, so that its loss is noticed.
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> coarse,
-                         encoder.Encode(std::as_bytes(std::span(coefficients.coarse.values))));
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> raw,
+                         ToStored(coefficients.coarse.values, type));
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> coarse, encoder.Encode(raw));
   const std::string name = SpaceChunkName(step, {0, 0, 0}, /*with_bands=*/false);
   FOVEA_RETURN_IF_ERROR(
       batch_.Write(fmt::format("{}/{}/{}", path_, CoarsePath(field), name), coarse));
   for (int level = 0; level < info_.hierarchy.finest(); ++level) {
-    const LevelLayout layout = LevelLayout::Make(info_.hierarchy, info_.chunk_edge, level);
+    const LevelLayout layout = LevelLayout::Make(info_, type, level);
     FOVEA_RETURN_IF_ERROR(WriteLevel(path_, field, step, layout,
                                      coefficients.detail[static_cast<size_t>(level)], &batch_));
   }

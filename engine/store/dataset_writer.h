@@ -33,8 +33,8 @@ class DatasetWriter {
   [[nodiscard]] virtual const DatasetInfo& info() const = 0;
   /// Writes one field of the step in hand (index committed_steps). Every field once before Commit.
   /// INVALID_ARGUMENT if the coefficients are not of this store's dimensions, chunk edge and
-  /// wavelet, or not finite. After any error of this call or of Commit the step in hand is gone: write all its
-  /// fields again, or stop.
+  /// wavelet, or not finite. After any error of this call or of Commit the step in hand is gone:
+  /// write all its fields again, or stop.
   [[nodiscard]] virtual Status WriteField(const std::string& field,
                                           const CoefficientSet& coefficients,
                                           const FieldStats& stats) = 0;

@@ -14,8 +14,11 @@ int64_t CeilDiv(int64_t a, int64_t b) {
 
 }  // namespace
 
-LevelLayout LevelLayout::Make(const Hierarchy& hierarchy, int64_t chunk_edge, int level) {
+LevelLayout LevelLayout::Make(const DatasetInfo& info, const std::string& type, int level) {
+  const Hierarchy& hierarchy = info.hierarchy;
+  const int64_t chunk_edge = info.chunk_edge;
   LevelLayout layout;
+  layout.type = type;
   layout.level = level;
   layout.width = hierarchy.WidthAt(level);
   layout.edge = chunk_edge;
@@ -78,7 +81,7 @@ void AddLevel(const std::string& field, const LevelLayout& level, std::vector<Ar
   const int64_t c = level.edge;
   const Int3& per_shard = level.shard_chunks;
   arrays->push_back({DetailPath(field, level.width),
-                     "float32",
+                     level.type,
                      {kSubBands, level.dims.z, level.dims.y, level.dims.x},
                      {1, kSubBands, c, c, c},
                      {1, kSubBands, per_shard.z * c, per_shard.y * c, per_shard.x * c},
@@ -101,13 +104,13 @@ std::vector<ArraySpec> AllArrays(const DatasetInfo& info) {
   const Int3 coarse = info.hierarchy.DimsAt(0);
   for (const FieldInfo& field : info.fields) {
     arrays.push_back({CoarsePath(field.name),
-                      "float32",
+                      field.type,
                       {coarse.z, coarse.y, coarse.x},
                       {1, coarse.z, coarse.y, coarse.x},
                       {},
                       {"t", "z", "y", "x"}});
     for (int level = 0; level < info.hierarchy.finest(); ++level) {
-      AddLevel(field.name, LevelLayout::Make(info.hierarchy, info.chunk_edge, level), &arrays);
+      AddLevel(field.name, LevelLayout::Make(info, field.type, level), &arrays);
     }
     arrays.push_back(
         {StatsPath(field.name), "float64", {2}, {kSeriesSteps, 2}, {}, {"t", "statistic"}});

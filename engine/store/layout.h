@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/store/dataset.h"
+#include "engine/store/stored_type.h"
 #include "engine/volume/geometry.h"
 #include "engine/volume/hierarchy.h"
 
@@ -38,10 +39,12 @@ struct LevelLayout {
   Int3 shards;        // shards that cover the chunks
   Int3 table_edge;    // entries in one chunk of chunk_max_W
   Int3 tables;        // chunks of chunk_max_W
+  std::string type;   // of the coefficients
 
-  [[nodiscard]] static LevelLayout Make(const Hierarchy& hierarchy, int64_t chunk_edge, int level);
+  [[nodiscard]] static LevelLayout Make(const DatasetInfo& info, const std::string& type,
+                                        int level);
   [[nodiscard]] int64_t ChunkValues() const { return kSubBands * edge * edge * edge; }
-  [[nodiscard]] int64_t ChunkBytes() const { return ChunkValues() * int64_t{sizeof(float)}; }
+  [[nodiscard]] int64_t ChunkBytes() const { return ChunkValues() * BytesOfType(type); }
   /// The coefficients of the chunk at `chunk`, cut off at the border.
   [[nodiscard]] Box3 ChunkBox(const Int3& chunk) const;
   [[nodiscard]] Int3 ShardOf(const Int3& chunk) const;
@@ -61,7 +64,7 @@ inline constexpr std::string_view kFrameNumberPath = "frame_number";
 /// Everything that is in an array's zarr.json, but how many steps it has.
 struct ArraySpec {
   std::string path;                          // below the store
-  std::string data_type;                     // float32, float64, int64 or uint64
+  std::string data_type;                     // float32, int16, int32, float64, int64 or uint64
   std::vector<int64_t> shape;                // without t
   std::vector<int64_t> chunk;                // with t; of what is encoded as one piece
   std::vector<int64_t> shard;                // with t; empty: chunks are files of their own

@@ -58,9 +58,15 @@ Status EncodeChunk(const LevelLayout& layout, Encoder* encoder, Chunk* chunk) {
                            chunk->at.x, chunk->at.y, chunk->at.z, layout.width);
   }
   chunk->largest = largest;
-  if (largest > 0) {
-    FOVEA_ASSIGN_OR_RETURN(chunk->encoded, encoder->Encode(std::as_bytes(std::span(*values))));
+  if (largest == 0) {
+    return absl::OkStatus();
   }
+  if (!IsIntegerType(layout.type)) {
+    FOVEA_ASSIGN_OR_RETURN(chunk->encoded, encoder->Encode(std::as_bytes(std::span(*values))));
+    return absl::OkStatus();
+  }
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> stored, ToStored(*values, layout.type));
+  FOVEA_ASSIGN_OR_RETURN(chunk->encoded, encoder->Encode(stored));
   return absl::OkStatus();
 }
 

@@ -12,6 +12,7 @@
 
 #include "engine/store/codec.h"
 #include "engine/store/file.h"
+#include "engine/store/stored_type.h"
 #include "engine/volume/basis.h"
 
 namespace fovea::store {
@@ -37,7 +38,7 @@ bool IsFieldName(const std::string& name) {
          name != kTimePath && name != kFrameNumberPath && name != kMetadataName;
 }
 
-Status ValidateFields(const DatasetInfo& info) {
+Status ValidateFields(const DatasetInfo& info, Wavelet wavelet) {
   if (info.fields.empty() || info.fields.size() > kMaxFields) {
     return InvalidArgument("{} fields: there must be 1 to {}", info.fields.size(), kMaxFields);
   }
@@ -53,10 +54,8 @@ Status ValidateFields(const DatasetInfo& info) {
     if (!names.insert(field.name).second) {
       return InvalidArgument("field '{}' is there twice", field.name);
     }
-    if (field.type != "float32") {
-      return InvalidArgument("field '{}' has type '{}': only float32 is known", field.name,
-                             field.type.substr(0, kMaxNameLength));
-    }
+    FOVEA_RETURN_IF_ERROR(
+        Annotate(CheckStoredType(field.type, wavelet), fmt::format("field '{}'", field.name)));
     if (!std::isfinite(field.minimum) || !std::isfinite(field.maximum) ||
         field.minimum > field.maximum) {
       return InvalidArgument("field '{}' has the range {} to {}", field.name, field.minimum,
@@ -73,7 +72,7 @@ Status ValidateFields(const DatasetInfo& info) {
 }  // namespace
 
 Status ValidateInfo(const DatasetInfo& info) {
-  FOVEA_RETURN_IF_ERROR(ParseWavelet(info.wavelet).status());
+  FOVEA_ASSIGN_OR_RETURN(const Wavelet wavelet, ParseWavelet(info.wavelet));
   if (info.chunk_edge != 8 && info.chunk_edge != 16 && info.chunk_edge != 32) {
     return InvalidArgument("chunk edge {}: it must be 8, 16 or 32", info.chunk_edge);
   }
@@ -92,7 +91,7 @@ Status ValidateInfo(const DatasetInfo& info) {
                              kMaxTextLength);
     }
   }
-  return ValidateFields(info);
+  return ValidateFields(info, wavelet);
 }
 
 namespace {

@@ -60,9 +60,10 @@ class StoredStep final : public StepSource {
         step_(step),
         field_(std::move(field)),
         on_damage_(on_damage),
-        basis_{ParseWavelet(info_.wavelet).value_or(Wavelet::kHaar)} {
+        type_(info_.TypeOf(field_)),
+        basis_{ParseWavelet(info_.wavelet).value_or(Wavelet::kHaar), IsIntegerType(type_)} {
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {
-      layouts_.push_back(LevelLayout::Make(info_.hierarchy, info_.chunk_edge, level));
+      layouts_.push_back(LevelLayout::Make(info_, type_, level));
       tables_.push_back(std::make_unique<ChunkTable>(path_, field_, step_, layouts_.back()));
     }
   }
@@ -94,6 +95,7 @@ class StoredStep final : public StepSource {
   const int64_t step_;
   const std::string field_;
   const OnDamage on_damage_;
+  const std::string type_;
   const Basis basis_;
   std::vector<LevelLayout> layouts_;
   std::vector<std::unique_ptr<ChunkTable>> tables_;
@@ -121,12 +123,14 @@ Status StoredStep::ReadCoarse(std::span<float> out) {
   }
   const std::string file = fmt::format("{}/{}/{}", path_, CoarsePath(field_),
                                        SpaceChunkName(step_, {0, 0, 0}, /*with_bands=*/false));
-  const StatusOr<int64_t> read = ReadChunkFile(file, std::as_writable_bytes(out));
+  std::vector<std::byte> raw(values * static_cast<size_t>(BytesOfType(type_)));
+  const StatusOr<int64_t> read = ReadChunkFile(file, raw);
   if (!read.ok()) {
     const std::string where = fmt::format("coarse level of field '{}', step {}", field_, step_);
     return absl::IsNotFound(read.status()) ? DataLoss("{}: {} is missing", where, file)
                                            : Annotate(read.status(), where);
   }
+  FromStored(raw, type_, out);
   bytes_read_ += static_cast<uint64_t>(*read);
   ++chunks_read_;
   return absl::OkStatus();
@@ -265,8 +269,9 @@ Status StoredStep::ReadRun(const Window& window, const Run& run) {
   for (const Wanted& one : run.chunks) {
     Status status = read;
     if (status.ok()) {
-      status = decoder.Decode(std::span(bytes).subspan(one.entry.offset - start, one.entry.bytes),
-                              std::as_writable_bytes(std::span(values)));
+      status =
+          decoder.DecodeValues(std::span(bytes).subspan(one.entry.offset - start, one.entry.bytes),
+                               window.layout.type, values);
     }
     if (!status.ok()) {
       FOVEA_RETURN_IF_ERROR(Damaged(window.layout, one.chunk, Annotate(status, run.path)));

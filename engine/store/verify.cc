@@ -195,12 +195,13 @@ void Verifier::CheckSeries(int64_t step) {
 void Verifier::CheckStep(int64_t step) {
   CheckSeries(step);
   for (const FieldInfo& field : info_.fields) {
-    std::vector<float> coarse(static_cast<size_t>(info_.hierarchy.DimsAt(0).Product()));
+    std::vector<std::byte> coarse(
+        static_cast<size_t>(info_.hierarchy.DimsAt(0).Product() * BytesOfType(field.type)));
     CheckFile(fmt::format("{}/{}/{}", path_, CoarsePath(field.name),
                           SpaceChunkName(step, {0, 0, 0}, /*with_bands=*/false)),
-              std::as_writable_bytes(std::span(coarse)));
+              coarse);
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {
-      CheckLevel(field.name, LevelLayout::Make(info_.hierarchy, info_.chunk_edge, level), step);
+      CheckLevel(field.name, LevelLayout::Make(info_, field.type, level), step);
     }
   }
 }
@@ -274,11 +275,11 @@ void Verifier::CheckShard(const LevelLayout& layout, const std::string& path, co
 }
 
 /// Reads and decodes one chunk; its largest |coefficient|.
-StatusOr<float> LargestOf(const ReadableFile& file, const ShardEntry& entry, Decoder* decoder,
-                          std::vector<float>* values) {
+StatusOr<float> LargestOf(const ReadableFile& file, const ShardEntry& entry,
+                          const std::string& type, Decoder* decoder, std::vector<float>* values) {
   std::vector<std::byte> bytes(entry.bytes);
   FOVEA_RETURN_IF_ERROR(file.ReadAt(static_cast<int64_t>(entry.offset), bytes));
-  FOVEA_RETURN_IF_ERROR(decoder->Decode(bytes, std::as_writable_bytes(std::span(*values))));
+  FOVEA_RETURN_IF_ERROR(decoder->DecodeValues(bytes, type, *values));
   float largest = 0;
   for (const float value : *values) {
     if (!std::isfinite(value)) {
@@ -297,7 +298,7 @@ void Verifier::CheckChunks(const LevelLayout& layout, const ReadableFile& file,
     std::vector<float> values(static_cast<size_t>(layout.ChunkValues()));
     for (int64_t i = first; i < last; ++i) {
       const auto at = static_cast<size_t>(i);
-      results[at] = LargestOf(file, chunks[at].second, &decoder, &values);
+      results[at] = LargestOf(file, chunks[at].second, layout.type, &decoder, &values);
     }
   });
   report_.chunks += chunks.size();

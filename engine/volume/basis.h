@@ -1,6 +1,7 @@
 #ifndef ENGINE_VOLUME_BASIS_H_
 #define ENGINE_VOLUME_BASIS_H_
 
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -19,6 +20,9 @@ struct Basis {
   bool integer = false;
   friend bool operator==(const Basis&, const Basis&) = default;
 };
+
+/// The largest integer coefficient: exact in a float, and no step of the inverse overflows.
+inline constexpr int32_t kMostInteger = 1 << 22;
 
 /// "haar", "cdf53" or "cdf97": as in stores and on the command line.
 [[nodiscard]] std::string_view WaveletName(Wavelet wavelet);

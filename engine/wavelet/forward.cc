@@ -116,10 +116,7 @@ class LiftingBlock {
     const auto [evens, odds] = lengths_[0];
     Value* const even = even_.data() + 1;
     Value* const odd = odd_.data() + 1;
-    for (int64_t i = 0; i < odds; ++i) {
-      even[i] = row[2 * i];
-      odd[i] = row[2 * i + 1];
-    }
+    internal::Deinterleave(row, odds, even, odd);
     if (evens > odds) {
       even[odds] = row[2 * odds];
     }

@@ -4,61 +4,17 @@
 #include <vector>
 
 #include "engine/base/parallel.h"
+#include "engine/wavelet/kernels.h"
 
 namespace fovea::wavelet {
 
 void InverseHaarRow(const HaarBands& bands, int64_t count, const HaarRows& rows) {
-  const auto [a, x, y, xy, z, xz, yz, xyz] = bands;
-  float* __restrict r0 = rows[0];
-  float* __restrict r1 = rows[1];
-  float* __restrict r2 = rows[2];
-  float* __restrict r3 = rows[3];
-  for (int64_t i = 0; i < count; ++i) {
-    // Along z, then y, then x: sums and differences of low and high.
-    const float a0 = a[i] + z[i], a1 = a[i] - z[i];
-    const float x0 = x[i] + xz[i], x1 = x[i] - xz[i];
-    const float y0 = y[i] + yz[i], y1 = y[i] - yz[i];
-    const float d0 = xy[i] + xyz[i], d1 = xy[i] - xyz[i];
-    const float a00 = a0 + y0, a01 = a0 - y0, a10 = a1 + y1, a11 = a1 - y1;
-    const float x00 = x0 + d0, x01 = x0 - d0, x10 = x1 + d1, x11 = x1 - d1;
-    r0[2 * i] = a00 + x00;
-    r0[2 * i + 1] = a00 - x00;
-    r1[2 * i] = a01 + x01;
-    r1[2 * i + 1] = a01 - x01;
-    r2[2 * i] = a10 + x10;
-    r2[2 * i + 1] = a10 - x10;
-    r3[2 * i] = a11 + x11;
-    r3[2 * i + 1] = a11 - x11;
-  }
+  internal::InverseHaar(bands, count, rows);
 }
 
 void ForwardHaarRow(const std::array<const float*, 4>& rows, int64_t count,
                     const std::array<float*, 8>& bands) {
-  const auto [r0, r1, r2, r3] = rows;
-  float* __restrict a = bands[0];
-  float* __restrict x = bands[1];
-  float* __restrict y = bands[2];
-  float* __restrict xy = bands[3];
-  float* __restrict z = bands[4];
-  float* __restrict xz = bands[5];
-  float* __restrict yz = bands[6];
-  float* __restrict xyz = bands[7];
-  for (int64_t i = 0; i < count; ++i) {
-    const float a00 = r0[2 * i] + r0[2 * i + 1], x00 = r0[2 * i] - r0[2 * i + 1];
-    const float a01 = r1[2 * i] + r1[2 * i + 1], x01 = r1[2 * i] - r1[2 * i + 1];
-    const float a10 = r2[2 * i] + r2[2 * i + 1], x10 = r2[2 * i] - r2[2 * i + 1];
-    const float a11 = r3[2 * i] + r3[2 * i + 1], x11 = r3[2 * i] - r3[2 * i + 1];
-    const float a0 = a00 + a01, y0 = a00 - a01, a1 = a10 + a11, y1 = a10 - a11;
-    const float x0 = x00 + x01, d0 = x00 - x01, x1 = x10 + x11, d1 = x10 - x11;
-    a[i] = (a0 + a1) * 0.125F;
-    z[i] = (a0 - a1) * 0.125F;
-    y[i] = (y0 + y1) * 0.125F;
-    yz[i] = (y0 - y1) * 0.125F;
-    x[i] = (x0 + x1) * 0.125F;
-    xz[i] = (x0 - x1) * 0.125F;
-    xy[i] = (d0 + d1) * 0.125F;
-    xyz[i] = (d0 - d1) * 0.125F;
-  }
+  internal::ForwardHaar(rows, count, bands);
 }
 
 namespace {

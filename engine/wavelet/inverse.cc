@@ -90,14 +90,16 @@ class RegionInverse {
     Value* Odd(int64_t pair) { return Even(pair) + slice; }
   };
 
-  /// Integers are rounded, where a window weighs them, and held to what floats count exactly.
-  static Value ToValue(float value) {
+  /// Integers are rounded, where a window weighs them, and held to what cannot overflow.
+  static void Convert(const float* from, float scale, int64_t count, Value* to) {
     if constexpr (std::is_same_v<Value, float>) {
-      return value;
+      internal::Scale(scale, from, count, to);
     } else {
-      constexpr float kMost = 1 << 24;
-      const float held = std::min(std::max(-kMost, value), kMost);
-      return static_cast<Value>(held < 0 ? held - 0.5F : held + 0.5F);
+      constexpr auto kMost = static_cast<float>(kMostInteger);
+      for (int64_t i = 0; i < count; ++i) {
+        const float held = std::min(std::max(-kMost, from[i]), kMost);
+        to[i] = static_cast<Value>(held < 0 ? held - 0.5F : held + 0.5F);
+      }
     }
   }
 
@@ -128,13 +130,9 @@ class RegionInverse {
   /// and zeros, if there are none.
   bool LoadRow(int band, int64_t py, int64_t pz, int64_t count, Value* out) const {
     const float scale = scales_[band];
-    const auto put = [&](const float* from, int64_t n, Value* to) {
-      for (int64_t i = 0; i < n; ++i) {
-        to[i] = ToValue(from[i] * scale);
-      }
-    };
     if (band == 0) {
-      put(level_.parent.Row(py, pz) + parents_.lo.x - level_.parent.box.lo.x, count, out);
+      Convert(level_.parent.Row(py, pz) + parents_.lo.x - level_.parent.box.lo.x, scale, count,
+              out);
       return true;
     }
     const Box3& window = level_.window;
@@ -146,10 +144,10 @@ class RegionInverse {
     }
     const Int3 size = window.Size();
     std::fill(out, out + first, Value{0});
-    put(level_.detail.data() + (band - 1) * size.Product() +
-            ((pz - window.lo.z) * size.y + py - window.lo.y) * size.x + parents_.lo.x + first -
-            window.lo.x,
-        last - first, out + first);
+    Convert(level_.detail.data() + (band - 1) * size.Product() +
+                ((pz - window.lo.z) * size.y + py - window.lo.y) * size.x + parents_.lo.x + first -
+                window.lo.x,
+            scale, last - first, out + first);
     std::fill(out + last, out + count, Value{0});
     return true;
   }
@@ -173,10 +171,7 @@ class RegionInverse {
       }
       any = true;
       LiftRow</*kInverse=*/true>(schemes_[0], lengths_[0], low, high);
-      for (int64_t i = 0; i < odds; ++i) {
-        row[2 * i] = low[i];
-        row[2 * i + 1] = high[i];
-      }
+      internal::Interleave(low, high, odds, row);
       if (evens > odds) {
         row[size.x - 1] = low[odds];
       }

@@ -5,6 +5,8 @@
 #include <array>
 #include <cstdint>
 
+#include "engine/wavelet/kernels.h"
+
 /// Wavelets as lifting steps (Sweldens 1996; Daubechies and Sweldens 1998), for the transforms of
 /// this folder only. Along an axis the even samples become the low-pass and the odd ones the
 /// high-pass coefficients. A step changes all evens or all odds by their two neighbours of the
@@ -27,11 +29,9 @@ struct Cdf53 {
   static constexpr float kLowScale = 1;
 
   template <bool kInverse>
-  void Lift(int step, float* __restrict target, const float* a, const float* b, int64_t n) const {
-    const float c = (step == 0 ? -0.25F : 0.5F) * (kInverse ? 1.0F : -1.0F);
-    for (int64_t i = 0; i < n; ++i) {
-      target[i] += c * (a[i] + b[i]);
-    }
+  void Lift(int step, float* target, const float* a, const float* b, int64_t n) const {
+    const float c = step == 0 ? -0.25F : 0.5F;
+    internal::Lift(kInverse ? c : -c, a, b, n, target);
   }
 };
 
@@ -47,13 +47,10 @@ struct Cdf97 {
   static constexpr float kLowScale = 1.230174104914001F;
 
   template <bool kInverse>
-  void Lift(int step, float* __restrict target, const float* a, const float* b, int64_t n) const {
+  void Lift(int step, float* target, const float* a, const float* b, int64_t n) const {
     constexpr float kSteps97[] = {-0.443506852043971F, -0.882911075530934F, 0.052980118572961F,
                                   1.586134342059924F};
-    const float c = kSteps97[step] * (kInverse ? 1.0F : -1.0F);
-    for (int64_t i = 0; i < n; ++i) {
-      target[i] += c * (a[i] + b[i]);
-    }
+    internal::Lift(kInverse ? kSteps97[step] : -kSteps97[step], a, b, n, target);
   }
 };
 
@@ -118,6 +115,20 @@ struct LineLength {
   int64_t evens = 0, odds = 0;
   [[nodiscard]] static LineLength Of(int64_t samples) { return {(samples + 1) / 2, samples / 2}; }
 };
+
+/// As the float ones of kernels.h.
+inline void Interleave(const int32_t* even, const int32_t* odd, int64_t count, int32_t* out) {
+  for (int64_t i = 0; i < count; ++i) {
+    out[2 * i] = even[i];
+    out[2 * i + 1] = odd[i];
+  }
+}
+inline void Deinterleave(const int32_t* in, int64_t count, int32_t* even, int32_t* odd) {
+  for (int64_t i = 0; i < count; ++i) {
+    even[i] = in[2 * i];
+    odd[i] = in[2 * i + 1];
+  }
+}
 
 /// Lifts one line whose evens and odds lie apart. Both need a cell to write to before the first
 /// and behind the last.

@@ -19,8 +19,9 @@
 ///   voxels wide stands at voxel k*w (Haar: at the middle of its cell).
 /// * Reversible integer forms of Haar (d = p - q) and 5/3: the same with halves rounded, up where
 ///   axis + level is odd and down elsewhere. Axes are taken z, y, x, and back x, y, z.
-/// Results do not depend on the number of threads. Integers must be less than 2^19 in magnitude:
-/// all coefficients are then exact in a float.
+/// Results do not depend on the number of threads. Integers must be less than 2^17 in magnitude:
+/// no coefficient is then more than 23 times as large (5/3, all three high), and kMostInteger
+/// (basis.h) holds.
 namespace fovea::wavelet {
 
 /// Forward transform of the voxels (one channel, dims = hierarchy.dims()). The cost follows the

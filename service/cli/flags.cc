@@ -129,6 +129,10 @@ void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec) {
             "none, chop (hide what is before the fovea) or falloff:A (opacity times 1/(1 + A "
             "distance))")
       ->group(kPictureGroup);
+  AddParsed(
+      app, "--reconstruction", "HOW", ParseReconstruction, Into(&spec->reconstruction),
+      "exact, or fast: the inverse transform of CDF wavelets looks no further than the window")
+      ->group(kPictureGroup);
   AddParsed(app, "--smoothing", "S", ParseSmoothing, Into(&spec->smoothing),
             "none (staircase), image, or full")
       ->group(kPictureGroup);
@@ -191,6 +195,8 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
 void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest) {
   AddParsed(app, "--wavelet", "W", ParseWavelet, Into(&ingest->wavelet),
             "haar, cdf53 or cdf97 (default haar; with --append, the dataset's)");
+  app->add_flag("--lossless", ingest->lossless,
+                "Reversible integer coefficients, haar or cdf53: for --raw voxels of 8 or 16 bits");
 }
 
 void AddPictureInput(CLI::App* app, PictureInput* input) {

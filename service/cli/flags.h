@@ -24,7 +24,7 @@ void AddStepsFlag(CLI::App* app, StepRange* steps);
 void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec);
 /// How foreign files are to be read: --raw and its like.
 void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest);
-/// What coefficients are made: --wavelet.
+/// What coefficients are made: --wavelet, --lossless.
 void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest);
 /// Positional inputs, --server, --cache, --threads and the foreign flags.
 void AddPictureInput(CLI::App* app, PictureInput* input);

@@ -177,6 +177,15 @@ StatusOr<render::Weighting> ParseWeighting(std::string_view text) {
                          text);
 }
 
+StatusOr<Reconstruction> ParseReconstruction(std::string_view text) {
+  for (const auto how : {Reconstruction::kExact, Reconstruction::kFast}) {
+    if (text == ReconstructionName(how)) {
+      return how;
+    }
+  }
+  return InvalidArgument("'{}' is not exact or fast", text);
+}
+
 StatusOr<render::Smoothing> ParseSmoothing(std::string_view text) {
   for (const auto smoothing :
        {render::Smoothing::kNone, render::Smoothing::kImage, render::Smoothing::kFull}) {
@@ -246,6 +255,10 @@ const char* WindowName(WindowShape window) {
   return "smooth";
 }
 
+const char* ReconstructionName(Reconstruction how) {
+  return how == Reconstruction::kFast ? "fast" : "exact";
+}
+
 const char* SmoothingName(render::Smoothing smoothing) {
   switch (smoothing) {
     case render::Smoothing::kNone:
@@ -282,6 +295,9 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
       FormatWeighting(*resolved.weighting), SmoothingName(*resolved.smoothing));
   if (resolved.window.value_or(WindowShape::kCube) != WindowShape::kCube) {
     flags += fmt::format(" --window {}", WindowName(*resolved.window));
+  }
+  if (resolved.reconstruction == Reconstruction::kFast) {
+    flags += " --reconstruction fast";
   }
   const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
                     static_cast<double>(dims.z) / 2};

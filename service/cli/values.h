@@ -47,6 +47,7 @@ struct Shard {
 /// 'none', 'chop' or 'falloff:A'.
 [[nodiscard]] StatusOr<render::Weighting> ParseWeighting(std::string_view text);
 /// 'none', 'image' or 'full'.
+[[nodiscard]] StatusOr<Reconstruction> ParseReconstruction(std::string_view text);
 [[nodiscard]] StatusOr<render::Smoothing> ParseSmoothing(std::string_view text);
 /// 'R,G,B', linear, 0 to 1.
 [[nodiscard]] StatusOr<render::Color> ParseColor(std::string_view text);
@@ -57,6 +58,7 @@ struct Shard {
 [[nodiscard]] std::string FormatPosition(const frames::Position& position);
 [[nodiscard]] std::string FormatWeighting(const render::Weighting& weighting);
 [[nodiscard]] const char* WindowName(WindowShape window);
+[[nodiscard]] const char* ReconstructionName(Reconstruction how);
 [[nodiscard]] const char* SmoothingName(render::Smoothing smoothing);
 
 /// The text as one word of a POSIX shell.

@@ -77,7 +77,8 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
 
   ReconstructStats reconstruct_stats;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
-                         Reconstruct(*source, retained, threads, &reconstruct_stats));
+                         Reconstruct(*source, retained, threads, &reconstruct_stats,
+                                     resolved.reconstruction.value_or(Reconstruction::kExact)));
   AddReadStats(source->read_stats(), *resolved.field, &frame);
   const render::RenderSettings settings = SettingsOf(resolved, threads);
   render::RenderStats render_stats;

@@ -76,6 +76,7 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
   spec.fovea = Position{fovea};
   spec.rate = render::DefaultRate(info.hierarchy);
   spec.window = WindowShape::kCube;
+  spec.reconstruction = Reconstruction::kExact;
   spec.transfer = render::DefaultTransferFunction(sampled.stats, info.hierarchy);
   spec.weighting = render::Weighting{};
   spec.smoothing = render::Smoothing::kFull;
@@ -155,6 +156,7 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   TakeDefault(&resolved.fovea, fallback.fovea);
   TakeDefault(&resolved.rate, fallback.rate);
   TakeDefault(&resolved.window, fallback.window);
+  TakeDefault(&resolved.reconstruction, fallback.reconstruction);
   TakeDefault(&resolved.transfer, fallback.transfer);
   TakeDefault(&resolved.weighting, fallback.weighting);
   TakeDefault(&resolved.smoothing, fallback.smoothing);

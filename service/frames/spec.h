@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/fovea/reconstruct.h"
 #include "engine/fovea/retained_set.h"
 #include "engine/render/renderer.h"
 #include "engine/render/transfer_function.h"
@@ -36,6 +37,7 @@ struct FrameSpec {
   std::optional<Position> fovea;
   std::optional<Rate> rate;
   std::optional<WindowShape> window;
+  std::optional<Reconstruction> reconstruction;
   std::optional<render::TransferFunction> transfer;
   std::optional<render::Weighting> weighting;
   std::optional<render::Smoothing> smoothing;

@@ -121,6 +121,11 @@ json SpecToJson(const FrameSpec& spec) {
   if (spec.window) {
     result["window"] = WindowToJson(*spec.window);
   }
+  if (spec.reconstruction) {
+    result["reconstruction"] = *spec.reconstruction == Reconstruction::kFast
+                                   ? "RECONSTRUCTION_FAST"
+                                   : "RECONSTRUCTION_EXACT";
+  }
   if (spec.transfer) {
     result["transfer_function"] = TransferToJson(*spec.transfer);
   }

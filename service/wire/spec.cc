@@ -82,6 +82,10 @@ v1::Smoothing ToProto(render::Smoothing smoothing) {
   return v1::SMOOTHING_FULL;
 }
 
+v1::Reconstruction ToProto(Reconstruction how) {
+  return how == Reconstruction::kFast ? v1::RECONSTRUCTION_FAST : v1::RECONSTRUCTION_EXACT;
+}
+
 v1::WindowShape ToProto(WindowShape window) {
   switch (window) {
     case WindowShape::kCube:
@@ -200,6 +204,20 @@ StatusOr<std::optional<render::Smoothing>> FromProto(v1::Smoothing proto, const 
   }
 }
 
+StatusOr<std::optional<Reconstruction>> FromProto(v1::Reconstruction proto,
+                                                  const std::string& path) {
+  switch (proto) {
+    case v1::RECONSTRUCTION_UNSPECIFIED:
+      return std::optional<Reconstruction>();
+    case v1::RECONSTRUCTION_EXACT:
+      return std::optional(Reconstruction::kExact);
+    case v1::RECONSTRUCTION_FAST:
+      return std::optional(Reconstruction::kFast);
+    default:
+      return UnknownEnum(path, proto, "RECONSTRUCTION_EXACT, RECONSTRUCTION_FAST");
+  }
+}
+
 StatusOr<std::optional<WindowShape>> FromProto(v1::WindowShape proto, const std::string& path) {
   switch (proto) {
     case v1::WINDOW_SHAPE_UNSPECIFIED:
@@ -261,6 +279,8 @@ Status ScalarsFromProto(const v1::FrameSpec& proto, const std::string& path,
   FOVEA_ASSIGN_OR_RETURN(spec->encoding, EncodingFromProto(proto.encoding(), path + ".encoding"));
   FOVEA_ASSIGN_OR_RETURN(spec->smoothing, FromProto(proto.smoothing(), path + ".smoothing"));
   FOVEA_ASSIGN_OR_RETURN(spec->window, FromProto(proto.window(), path + ".window"));
+  FOVEA_ASSIGN_OR_RETURN(spec->reconstruction,
+                         FromProto(proto.reconstruction(), path + ".reconstruction"));
   return absl::OkStatus();
 }
 
@@ -348,6 +368,9 @@ v1::FrameSpec ToProto(const frames::FrameSpec& spec) {
   }
   if (spec.window) {
     proto.set_window(ToProto(*spec.window));
+  }
+  if (spec.reconstruction) {
+    proto.set_reconstruction(ToProto(*spec.reconstruction));
   }
   if (spec.transfer) {
     *proto.mutable_transfer_function() = ToProto(*spec.transfer);

@@ -1,9 +1,10 @@
 // The wavelet transforms against memcpy, one thread unless --threads says otherwise.
 //   wavelet_bench [--size N] [--rate R] [--rounds N] [--threads N]
 // forward: voxels in bricks to all coefficients. inverse: one level, N/2 to N, everything kept.
-// rebuild: Reconstruct of a fovea in the middle at the rate, coefficients in memory; `fast` where
-// that differs. GB/s: bytes of voxels (forward, inverse) or of kept super-voxels (rebuild) a
-// second; memcpy of the same number of bytes, buffers already touched, is in the same round.
+// rebuild: ReconstructInto at the rate, the fovea in the middle, coefficients in memory, reading
+// not counted, bounds of blocks counted; `fast` where that differs. GB/s: bytes of voxels (forward,
+// inverse) or of kept super-voxels (rebuild) a second; memcpy of the same number of bytes, buffers
+// already touched, is in the same round.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -79,6 +80,7 @@ void Measure(const Basis& basis, const BrickGrid& voxels, const Options& options
                     0.5 * static_cast<double>(n)};
   const RetainedSet retained = RetainedSet::Make(hierarchy, {middle, options.rate}).value();
   const int64_t kept = retained.SuperVoxelCount() * int64_t{sizeof(float)};
+  SuperVoxels volume;
   for (int round = 0; round < options.rounds; ++round) {
     Stopwatch watch;
     set = wavelet::Forward(voxels, hierarchy, basis, options.threads);
@@ -89,7 +91,7 @@ void Measure(const Basis& basis, const BrickGrid& voxels, const Options& options
     MemorySource source(set);
     for (const Reconstruction how : {Reconstruction::kExact, Reconstruction::kFast}) {
       ReconstructStats stats;
-      (void)Reconstruct(source, retained, options.threads, &stats, how).value();
+      (void)ReconstructInto(source, retained, options.threads, how, &volume, &stats).ok();
       (how == Reconstruction::kExact ? rebuild : fast).push_back(stats.reconstruct_ms);
     }
     copy.push_back(TimeCopy(bytes));

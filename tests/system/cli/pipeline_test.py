@@ -87,6 +87,13 @@ class Pipeline(support.FoveaTest):
                 self.fovea("render", store, "--fovea", "18,10,14", "--rate", rate, "--view", "30,20",
                            "--transfer", "0:1,1,1:0;1:1,0.5,0:0.3", "--size", "64x64",
                            "-o", self.folder / f"{wavelet}{rate}.npy")
+            self.fovea("render", store, "--fovea", "18,10,14", "--rate", 8, "--size", "64x64", "--view",
+                       "30,20", "--transfer", "0:1,1,1:0;1:1,0.5,0:0.3", "--reconstruction", "fast",
+                       "-o", self.folder / f"{wavelet}fast.npy")
+            fast = np.load(self.folder / f"{wavelet}fast.npy")
+            far = np.abs(fast - np.load(self.folder / f"{wavelet}8.npy")).max()
+            self.assertEqual(far == 0, wavelet == "haar")
+            self.assertLess(far, 0.3)
         pictures = {(w, r): np.load(self.folder / f"{w}{r}.npy")
                     for w in whole for r in (8, 4096)}
         for wavelet in ("cdf53", "cdf97"):  # everything kept: the same voxels, the same picture

@@ -235,6 +235,62 @@ TEST_F(RawTest, EveryWaveletGivesTheVoxelsBackThroughTheStore) {
   }
 }
 
+TEST_F(RawTest, LosslessIsLossless) {
+  for (const char* type : {"uint8", "int8", "uint16", "int16"}) {
+    const bool is_signed = type[0] == 'i';
+    const double range = std::string(type).ends_with("8") ? 256 : 65536;
+    std::mt19937 random(8);
+    std::string bytes;
+    std::vector<float> values;
+    for (int i = 0; i < 45 * 38 * 21; ++i) {  // extremes: the largest coefficients there can be
+      const double value =
+          random() % 3 == 0 ? random() % 2 * (range - 1) : random() % 65536 % range;
+      values.push_back(static_cast<float>(value - (is_signed ? range / 2 : 0)));
+      AppendAs(type, values.back(), false, &bytes);
+    }
+    Write("a.raw", bytes);
+    for (const Wavelet wavelet : {Wavelet::kHaar, Wavelet::kCdf53}) {
+      IngestOptions options = Options("a.raw", {{45, 38, 21}, type, false, 0, 1});
+      options.wavelet = wavelet;
+      options.lossless = true;
+      options.output = folder_ / (std::string(WaveletName(wavelet)) + type + ".zarr");
+      ASSERT_OK(Ingest(options));
+      options.append = true;
+      options.lossless = false;
+      ASSERT_OK(Ingest(options));
+      ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+      EXPECT_EQ(dataset->info().fields[0].type, range == 256 ? "int16" : "int32");
+      for (const int64_t step : {0, 1}) {
+        ASSERT_OK_AND_ASSIGN(const Grid voxels, StoredVoxels(options.output, step, "density"));
+        EXPECT_EQ(voxels.values, values) << type << " step " << step;
+      }
+    }
+  }
+}
+
+TEST_F(RawTest, LosslessIsRefusedWhereItCannotBe) {
+  Write("a.raw", std::string(32, 'a'));
+  const auto expect_refused = [&](const IngestOptions& options, const std::string& text) {
+    EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kInvalidArgument, text));
+  };
+  IngestOptions options = Options("a.raw", {{2, 2, 2}, "float32", false, 0, 1});
+  options.lossless = true;
+  expect_refused(options, "raw voxels of 8 or 16 bits, not of float32");
+  options.raw->type = "uint16";
+  options.raw->steps_per_file = 2;
+  options.wavelet = Wavelet::kCdf97;
+  expect_refused(options, "no reversible integer form of cdf97");
+  EXPECT_FALSE(std::filesystem::exists(options.output));
+  options.wavelet = Wavelet::kCdf53;
+  options.raw = RawFormat{{2, 2, 2}, "uint8", false, 0, 4};
+  ASSERT_OK(Ingest(options));
+  options.append = true;
+  options.raw = RawFormat{{2, 2, 2}, "uint16", false, 0, 2};
+  expect_refused(options, "voxels of 16 bits do not fit");
+  options.raw = RawFormat{{2, 2, 2}, "float32", false, 0, 1};
+  expect_refused(options, "not of float32");
+}
+
 TEST_F(RawTest, StepsOfSeveralFilesAreAppended) {
   Write("a.raw", std::string(16, 'a'));
   Write("b.raw", std::string(16, 'b'));

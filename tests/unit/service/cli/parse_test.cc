@@ -72,9 +72,10 @@ TEST(Parse, NothingSaidIsNothingSet) {
 }
 
 TEST(Parse, IngestTakesAWavelet) {
-  const auto command =
-      Parsed<IngestCommand>({"ingest", "a.vdb", "-o", "x.zarr", "--wavelet", "cdf97"});
-  EXPECT_EQ(command.ingest.wavelet, Wavelet::kCdf97);
+  const auto command = Parsed<IngestCommand>(
+      {"ingest", "a.vdb", "-o", "x.zarr", "--wavelet", "cdf53", "--lossless"});
+  EXPECT_EQ(command.ingest.wavelet, Wavelet::kCdf53);
+  EXPECT_TRUE(command.ingest.lossless);
   EXPECT_FALSE(Parsed<IngestCommand>({"ingest", "a.vdb", "-o", "x.zarr"}).ingest.wavelet);
 }
 

@@ -63,6 +63,10 @@ TEST(Values, ShardsWeightingsSmoothingsColours) {
     EXPECT_STREQ(SmoothingName(*ParseSmoothing(text)), text);
   }
   ExpectBad(ParseSmoothing, {"", "FULL", "half"});
+  for (const char* text : {"exact", "fast"}) {
+    EXPECT_STREQ(ReconstructionName(*ParseReconstruction(text)), text);
+  }
+  ExpectBad(ParseReconstruction, {"", "quick"});
   EXPECT_EQ(*ParseColor("0,0.5,1"), (render::Color{0, 0.5F, 1}));
   ExpectBad(ParseColor, {"red", "1,1", "1,1,1,1"});
 }
@@ -134,11 +138,12 @@ TEST(PinningFlags, SayEverythingAndLeaveOutWhatAllChooseAlike) {
   spec.strict = true;
   spec.rate = {40, 20, 10.5};
   spec.window = WindowShape::kSphere;
+  spec.reconstruction = Reconstruction::kFast;
   const std::string flags = PinningFlags(spec, {40, 32, 50});
   EXPECT_NE(flags.find("--rate 40,20,10.5 "), std::string::npos) << flags;
-  EXPECT_NE(
-      flags.find("--window sphere --center 20,16,24 --background 0.5,0,0 --fovea-marker --strict"),
-      std::string::npos)
+  EXPECT_NE(flags.find("--window sphere --reconstruction fast --center 20,16,24 --background "
+                       "0.5,0,0 --fovea-marker --strict"),
+            std::string::npos)
       << flags;
 }
 

@@ -16,6 +16,7 @@ TEST(SpecJson, HasTheProtosNamesAndOnlyWhatIsThere) {
   spec.transfer = render::TransferFunction{{{0.5, {1, 0.25F, 0}, 0.1F}}};
   spec.weighting = render::Weighting{render::Weighting::Kind::kFalloff, 0.05};
   spec.smoothing = render::Smoothing::kImage;
+  spec.reconstruction = Reconstruction::kFast;
   spec.encoding = Encoding::kRawRgbaF32;
   const auto expected = nlohmann::json::parse(R"({
     "rate": 40.0, "encoding": "RAW_RGBA_F32", "fovea_marker": false, "strict": false,
@@ -25,7 +26,7 @@ TEST(SpecJson, HasTheProtosNamesAndOnlyWhatIsThere) {
     "transfer_function": {"points": [
       {"value": 0.5, "color": {"red": 1.0, "green": 0.25, "blue": 0.0}, "opacity": 0.1}]},
     "weighting": {"kind": "FALLOFF", "falloff_per_voxel": 0.05},
-    "smoothing": "SMOOTHING_IMAGE"})");
+    "reconstruction": "RECONSTRUCTION_FAST", "smoothing": "SMOOTHING_IMAGE"})");
   EXPECT_EQ(SpecToJson(spec), expected) << SpecToJson(spec).dump(1);
 }
 

@@ -73,6 +73,8 @@ TEST(SpecTest, EveryWindowAndARateAnAxisSurviveTheRoundTrip) {
     frames::FrameSpec spec;
     spec.window = window;
     spec.rate = {40, 12.5, 8};
+    spec.reconstruction =
+        window == WindowShape::kCube ? Reconstruction::kExact : Reconstruction::kFast;
     ASSERT_OK_AND_ASSIGN(const frames::FrameSpec back, RoundTrip(spec));
     EXPECT_EQ(back, spec);
   }
@@ -110,6 +112,8 @@ const BadSpec kBadSpecs[] = {
        s->clear_rate();
        s->mutable_rate_xyz()->set_x(5);
      }},
+    {"spec.reconstruction", "9",
+     [](v1::FrameSpec* s) { s->set_reconstruction(v1::Reconstruction(9)); }},
     {"spec.window", "9", [](v1::FrameSpec* s) { s->set_window(v1::WindowShape(9)); }},
     {"spec.width_px", "1 to 16384", [](v1::FrameSpec* s) { s->set_width_px(100'000); }},
     {"spec.width_px", "width_px 0", [](v1::FrameSpec* s) { s->set_width_px(0); }},
