@@ -1,5 +1,6 @@
 #include "engine/render/perspective.h"
 
+#include <algorithm>
 #include <array>
 #include <optional>
 #include <utility>
@@ -77,6 +78,28 @@ StatusOr<Image> RenderPerspective(const SuperVoxels& volume, const SuperVoxels* 
     *stats = counted;
   }
   return image;
+}
+
+double PerspectiveBytes(const RetainedSet& retained, const PerspectiveView& view,
+                        const Matrix4& index_to_world, int width_px, int height_px) {
+  // Accumulators live for one face, what is looked up until the picture is done.
+  constexpr double kPerTraced = 66;
+  constexpr double kPerKept = 36;
+  const Pinhole pinhole = MakePinhole(view, index_to_world, width_px, height_px);
+  double traced = 0;
+  double kept = 0;
+  for (const auto& face :
+       MakeFaces(pinhole, index_to_world, retained.hierarchy().dims(), retained.fovea().at)) {
+    double pixels = 0;
+    for (const PerspectiveLevel& level :
+         face ? PlanLevels(retained, *face) : std::vector<PerspectiveLevel>{}) {
+      const Rect& rect = level.plan.rect;
+      pixels += static_cast<double>(rect.Width()) * static_cast<double>(rect.Height());
+    }
+    traced = std::max(traced, kPerTraced * pixels);
+    kept += kPerKept * pixels;
+  }
+  return traced + kept;
 }
 
 StatusOr<Image> ReferencePerspective(const Grid& voxels, const Grid* color_voxels,

@@ -25,6 +25,10 @@ namespace fovea::frames {
 [[nodiscard]] StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
                                               const FrameSpec& defaults);
 
+/// Fills in what a perspective view leaves out, its positions in voxels. INVALID_ARGUMENT naming
+/// field, value and range.
+[[nodiscard]] Status ResolveCamera(const store::DatasetInfo& info, PerspectiveSpec* view);
+
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
 /// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,
 /// RESOURCE_EXHAUSTED for what the machine's memory could not hold.
