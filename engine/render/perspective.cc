@@ -23,15 +23,13 @@ Pinhole PinholeOf(const Matrix4& index_to_world, const RenderSettings& settings)
   return MakePinhole(*settings.perspective, index_to_world, settings.width_px, settings.height_px);
 }
 
-Status Check(const RenderSettings& settings, const Matrix4& index_to_world, bool color) {
+Status Check(const RenderSettings& settings, const Matrix4& index_to_world) {
   FOVEA_RETURN_IF_ERROR(Validate(*settings.perspective, index_to_world));
-  const char* missing = settings.lighting.enabled                       ? "lighting"
-                        : settings.compositing == Compositing::kMaximum ? "maximum intensity"
-                        : !settings.clip.IsEmpty()                      ? "a clip box or plane"
-                        : color                                         ? "a second field"
-                                                                        : nullptr;
-  if (missing != nullptr) {
-    return InvalidArgument("{} is for orthographic views only", missing);
+  if (settings.lighting.enabled) {
+    return InvalidArgument("lighting is for orthographic views only");
+  }
+  if (settings.compositing == Compositing::kMaximum) {
+    return InvalidArgument("maximum intensity is for orthographic views only");
   }
   return absl::OkStatus();
 }
@@ -41,7 +39,7 @@ Status Check(const RenderSettings& settings, const Matrix4& index_to_world, bool
 StatusOr<Image> RenderPerspective(const SuperVoxels& volume, const SuperVoxels* color_volume,
                                   const Matrix4& index_to_world, const RenderSettings& settings,
                                   RenderStats* stats) {
-  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world, color_volume != nullptr));
+  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world));
   RenderStats counted;
   Stopwatch watch;
   const Pinhole pinhole = PinholeOf(index_to_world, settings);
@@ -55,7 +53,8 @@ StatusOr<Image> RenderPerspective(const SuperVoxels& volume, const SuperVoxels* 
     if (!faces[f]) {
       continue;
     }
-    std::vector<Layer> layers = TraceThickRays(frame, volume, *faces[f], &counted.samples);
+    std::vector<Layer> layers =
+        TraceThickRays(frame, volume, color_volume, *faces[f], &counted.samples);
     if (layers.empty()) {
       continue;
     }
@@ -105,7 +104,7 @@ double PerspectiveBytes(const RetainedSet& retained, const PerspectiveView& view
 StatusOr<Image> ReferencePerspective(const Grid& voxels, const Grid* color_voxels,
                                      const Matrix4& index_to_world, const Vec3& fovea,
                                      const RenderSettings& settings, RenderStats* stats) {
-  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world, color_voxels != nullptr));
+  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world));
   RenderStats counted;
   Stopwatch watch;
   const Int3 dims = voxels.box.Size();
@@ -119,7 +118,8 @@ StatusOr<Image> ReferencePerspective(const Grid& voxels, const Grid* color_voxel
     for (const PerspectiveLevel& level :
          faces[f] ? PlanLevels(everything, *faces[f]) : std::vector<PerspectiveLevel>{}) {
       std::vector<Layer> layers;
-      layers.push_back(TraceLevel(frame, voxels, nullptr, level, *faces[f], &counted.samples));
+      layers.push_back(
+          TraceLevel(frame, voxels, color_voxels, nullptr, level, *faces[f], &counted.samples));
       std::vector<FrameLevel> levels;
       Combine(false, settings.threads, &layers, &scratch, &levels);
       images[f].emplace(*faces[f], level.plan.rect, std::move(levels));
