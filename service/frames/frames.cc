@@ -36,13 +36,9 @@ render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
 /// coefficient, 26 a pixel.
 Status CheckMemory(const RetainedSet& retained, const Matrix4& index_to_world,
                    const FrameSpec& resolved) {
-  const render::RenderSettings settings = SettingsOf(resolved, 0);
-  const double faces = settings.perspective ? render::PerspectiveBytes(
-                                                  retained, *settings.perspective, index_to_world,
-                                                  settings.width_px, settings.height_px)
-                                            : 0;
   const double need = 10.0 * static_cast<double>(retained.CoefficientCount()) +
-                      28.0 * static_cast<double>(*resolved.width_px * *resolved.height_px) + faces;
+                      28.0 * static_cast<double>(*resolved.width_px * *resolved.height_px) +
+                      CameraBytes(retained, index_to_world, resolved);
   const double have =
       static_cast<double>(::sysconf(_SC_PHYS_PAGES)) * static_cast<double>(::sysconf(_SC_PAGESIZE));
   if (need > have) {
@@ -81,6 +77,16 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
 }
 
 }  // namespace
+
+double CameraBytes(const RetainedSet& retained, const Matrix4& index_to_world,
+                   const FrameSpec& resolved) {
+  if (!resolved.view.perspective) {
+    return 0;
+  }
+  const render::RenderSettings settings = SettingsOf(resolved, 0);
+  return render::PerspectiveBytes(retained, *settings.perspective, index_to_world,
+                                  settings.width_px, settings.height_px);
+}
 
 StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
                             const FrameSpec& resolved, int threads) {
