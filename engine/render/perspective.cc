@@ -1,5 +1,6 @@
 #include "engine/render/perspective.h"
 
+#include <algorithm>
 #include <array>
 #include <optional>
 #include <utility>
@@ -22,15 +23,13 @@ Pinhole PinholeOf(const Matrix4& index_to_world, const RenderSettings& settings)
   return MakePinhole(*settings.perspective, index_to_world, settings.width_px, settings.height_px);
 }
 
-Status Check(const RenderSettings& settings, const Matrix4& index_to_world, bool color) {
+Status Check(const RenderSettings& settings, const Matrix4& index_to_world) {
   FOVEA_RETURN_IF_ERROR(Validate(*settings.perspective, index_to_world));
-  const char* missing = settings.lighting.enabled                       ? "lighting"
-                        : settings.compositing == Compositing::kMaximum ? "maximum intensity"
-                        : !settings.clip.IsEmpty()                      ? "a clip box or plane"
-                        : color                                         ? "a second field"
-                                                                        : nullptr;
-  if (missing != nullptr) {
-    return InvalidArgument("{} is for orthographic views only", missing);
+  if (settings.lighting.enabled) {
+    return InvalidArgument("lighting is for orthographic views only");
+  }
+  if (settings.compositing == Compositing::kMaximum) {
+    return InvalidArgument("maximum intensity is for orthographic views only");
   }
   return absl::OkStatus();
 }
@@ -40,7 +39,7 @@ Status Check(const RenderSettings& settings, const Matrix4& index_to_world, bool
 StatusOr<Image> RenderPerspective(const SuperVoxels& volume, const SuperVoxels* color_volume,
                                   const Matrix4& index_to_world, const RenderSettings& settings,
                                   RenderStats* stats) {
-  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world, color_volume != nullptr));
+  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world));
   RenderStats counted;
   Stopwatch watch;
   const Pinhole pinhole = PinholeOf(index_to_world, settings);
@@ -54,7 +53,8 @@ StatusOr<Image> RenderPerspective(const SuperVoxels& volume, const SuperVoxels* 
     if (!faces[f]) {
       continue;
     }
-    std::vector<Layer> layers = TraceThickRays(frame, volume, *faces[f], &counted.samples);
+    std::vector<Layer> layers =
+        TraceThickRays(frame, volume, color_volume, *faces[f], &counted.samples);
     if (layers.empty()) {
       continue;
     }
@@ -79,10 +79,32 @@ StatusOr<Image> RenderPerspective(const SuperVoxels& volume, const SuperVoxels* 
   return image;
 }
 
+double PerspectiveBytes(const RetainedSet& retained, const PerspectiveView& view,
+                        const Matrix4& index_to_world, int width_px, int height_px) {
+  // Accumulators live for one face, what is looked up until the picture is done.
+  constexpr double kPerTraced = 66;
+  constexpr double kPerKept = 36;
+  const Pinhole pinhole = MakePinhole(view, index_to_world, width_px, height_px);
+  double traced = 0;
+  double kept = 0;
+  for (const auto& face :
+       MakeFaces(pinhole, index_to_world, retained.hierarchy().dims(), retained.fovea().at)) {
+    double pixels = 0;
+    for (const PerspectiveLevel& level :
+         face ? PlanLevels(retained, *face) : std::vector<PerspectiveLevel>{}) {
+      const Rect& rect = level.plan.rect;
+      pixels += static_cast<double>(rect.Width()) * static_cast<double>(rect.Height());
+    }
+    traced = std::max(traced, kPerTraced * pixels);
+    kept += kPerKept * pixels;
+  }
+  return traced + kept;
+}
+
 StatusOr<Image> ReferencePerspective(const Grid& voxels, const Grid* color_voxels,
                                      const Matrix4& index_to_world, const Vec3& fovea,
                                      const RenderSettings& settings, RenderStats* stats) {
-  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world, color_voxels != nullptr));
+  FOVEA_RETURN_IF_ERROR(Check(settings, index_to_world));
   RenderStats counted;
   Stopwatch watch;
   const Int3 dims = voxels.box.Size();
@@ -96,7 +118,8 @@ StatusOr<Image> ReferencePerspective(const Grid& voxels, const Grid* color_voxel
     for (const PerspectiveLevel& level :
          faces[f] ? PlanLevels(everything, *faces[f]) : std::vector<PerspectiveLevel>{}) {
       std::vector<Layer> layers;
-      layers.push_back(TraceLevel(frame, voxels, nullptr, level, *faces[f], &counted.samples));
+      layers.push_back(
+          TraceLevel(frame, voxels, color_voxels, nullptr, level, *faces[f], &counted.samples));
       std::vector<FrameLevel> levels;
       Combine(false, settings.threads, &layers, &scratch, &levels);
       images[f].emplace(*faces[f], level.plan.rect, std::move(levels));

@@ -24,6 +24,11 @@ namespace fovea::render {
                                                    const RenderSettings& settings,
                                                    RenderStats* stats);
 
+/// About the bytes that RenderPerspective allocates for a valid view, the picture excepted: with
+/// the eye near the fovea they grow with the square of the volume's size.
+[[nodiscard]] double PerspectiveBytes(const RetainedSet& retained, const PerspectiveView& view,
+                                      const Matrix4& index_to_world, int width_px, int height_px);
+
 }  // namespace fovea::render
 
 #endif  // ENGINE_RENDER_PERSPECTIVE_H_

@@ -19,18 +19,10 @@ Vec3 SightOf(const PerspectiveView& view, const Matrix4& index_to_world) {
   return Unit(index_to_world.TransformDirection(view.target_voxels - view.eye_voxels));
 }
 
-Vec3 UpOf(const PerspectiveView& view, const Vec3& sight) {
-  if (view.up) {
-    return Unit(*view.up);
-  }
-  constexpr double kSin = 1.745e-5;  // of 0.001 degrees, as orthographic views have it
-  return std::hypot(sight.x, sight.y) < kSin ? Vec3{0, 1, 0} : Vec3{0, 0, 1};
-}
-
 Axes AxesOf(const PerspectiveView& view, const Matrix4& index_to_world) {
   Axes axes;
   axes.sight = SightOf(view, index_to_world);
-  axes.right = Unit(Cross(axes.sight, UpOf(view, axes.sight)));
+  axes.right = Unit(Cross(axes.sight, Unit(UpOf(view, index_to_world))));
   axes.up = Cross(axes.right, axes.sight);
   return axes;
 }
@@ -52,6 +44,12 @@ Status CheckPlace(const char* name, const Vec3& place) {
 }
 
 }  // namespace
+
+Vec3 UpOf(const PerspectiveView& view, const Matrix4& index_to_world) {
+  constexpr double kSin = 1.745e-5;  // of 0.001 degrees, as orthographic views have it
+  const Vec3 sight = SightOf(view, index_to_world);
+  return view.up.value_or(std::hypot(sight.x, sight.y) < kSin ? Vec3{0, 1, 0} : Vec3{0, 0, 1});
+}
 
 Status Validate(const PerspectiveView& view, const Matrix4& index_to_world) {
   FOVEA_RETURN_IF_ERROR(CheckPlace("eye", view.eye_voxels));

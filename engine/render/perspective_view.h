@@ -30,6 +30,9 @@ struct PerspectiveView {
 /// INVALID_ARGUMENT naming the value and its range.
 [[nodiscard]] Status Validate(const PerspectiveView& view, const Matrix4& index_to_world);
 
+/// The view's up, or its default. `view` must be valid but for `up`, which is taken as it is.
+[[nodiscard]] Vec3 UpOf(const PerspectiveView& view, const Matrix4& index_to_world);
+
 /// The camera in voxel coordinates, where it is a pinhole too (an affine map keeps straight lines).
 /// Pixel (i, j) looks along first + i column_step + j row_step, of no particular length.
 struct Pinhole {

@@ -71,7 +71,7 @@ void PrintError(std::string_view message) {
 }
 
 std::string WithFlag(const Status& error) {
-  constexpr std::array<std::array<std::string_view, 2>, 19> kFlags = {{
+  constexpr std::array<std::array<std::string_view, 2>, 23> kFlags = {{
       {"field", "--field"},
       {"fovea", "--fovea"},
       {"rate", "--rate"},
@@ -80,6 +80,10 @@ std::string WithFlag(const Status& error) {
       {"elevation_deg", "--view"},
       {"center", "--center"},
       {"span_voxels", "--span"},
+      {"eye", "--eye"},
+      {"target", "--target"},
+      {"up", "--up"},
+      {"fov_y_deg", "--fov"},
       {"transfer_function", "--transfer"},
       {"falloff_per_voxel", "--weighting"},
       {"width_px", "--size"},

@@ -29,10 +29,15 @@ StatusOr<exports::Animation> ReadAnimation(const std::string& path) {
 
 /// `spec` is resolved, `steps` is how many the range holds.
 exports::Animation OrbitOf(const ExportCommand& command, const frames::FrameSpec& spec,
-                           int64_t steps) {
+                           const Matrix4& index_to_world, int64_t steps) {
   const int64_t usual = steps == 1 ? kOrbitFramesOfOneStep : steps;
+  const int64_t frames = command.orbit_frames.value_or(usual);
+  if (spec.view.perspective) {
+    return exports::Animation::Orbit(*spec.view.perspective, index_to_world, *command.orbit_deg,
+                                     frames);
+  }
   return exports::Animation::Orbit(*spec.view.azimuth_deg, *spec.view.elevation_deg,
-                                   *command.orbit_deg, command.orbit_frames.value_or(usual));
+                                   *command.orbit_deg, frames);
 }
 
 void PrintReport(const ExportCommand& command, const exports::ExportReport& report,
@@ -100,8 +105,8 @@ Status Run(const ExportCommand& command) {
   const store::DatasetInfo& info = provider->info();
   if (command.orbit_deg) {
     const int64_t last = command.steps.last.value_or(info.committed_steps - 1);
-    options.animation =
-        OrbitOf(command, options.spec, (last - command.steps.first) / command.steps.stride + 1);
+    options.animation = OrbitOf(command, options.spec, info.index_to_world,
+                                (last - command.steps.first) / command.steps.stride + 1);
   }
   const std::string flags = PinningFlags(options.spec, info.hierarchy.dims());
   if (!command.output.json) {

@@ -32,6 +32,37 @@ auto Into(Target* target) {
   return [target](auto&& value) { *target = std::forward<decltype(value)>(value); };
 }
 
+void AddPerspective(CLI::App* app, frames::ViewSpec* view) {
+  // Parsing fills what --eye creates; CLI11 checks `needs` afterwards.
+  const auto camera = [view]() -> frames::PerspectiveSpec& {
+    return view->perspective ? *view->perspective : view->perspective.emplace();
+  };
+  CLI::Option* eye = AddParsed(
+      app, "--eye", "X,Y,Z[w]", ParsePosition,
+      [camera](const frames::Position& at) { camera().eye = at; },
+      "Perspective view from this point, outside or inside the volume");
+  eye->group(kPictureGroup)
+      ->excludes(app->get_option("--view"))
+      ->excludes(app->get_option("--span"))
+      ->excludes(app->get_option("--center"));
+  AddParsed(
+      app, "--target", "X,Y,Z[w]", ParsePosition,
+      [camera](const frames::Position& at) { camera().target = at; },
+      "With --eye: what is in the middle of the picture (default: the volume's middle)")
+      ->group(kPictureGroup)
+      ->needs(eye);
+  AddParsed(
+      app, "--up", "X,Y,Z", ParseVector, [camera](const Vec3& up) { camera().up = up; },
+      "With --eye: what is up in the picture, in world axes (default 0,0,1)")
+      ->group(kPictureGroup)
+      ->needs(eye);
+  AddParsed(
+      app, "--fov", "DEG", ParseNumber, [camera](double degrees) { camera().fov_y_deg = degrees; },
+      "With --eye: field of view over the picture's height, 0.01 to 170 degrees (default 45)")
+      ->group(kPictureGroup)
+      ->needs(eye);
+}
+
 void AddView(CLI::App* app, frames::ViewSpec* view) {
   AddParsed(
       app, "--view", "AZ,EL", ParseView,
@@ -47,6 +78,7 @@ void AddView(CLI::App* app, frames::ViewSpec* view) {
   AddParsed(app, "--center", "X,Y,Z[w]", ParsePosition, Into(&view->center),
             "What is in the middle of the picture (default: the volume's middle)")
       ->group(kPictureGroup);
+  AddPerspective(app, view);
 }
 
 StatusOr<ingest::OnMissing> ParseOnMissing(const std::string& text) {

@@ -73,6 +73,14 @@ StatusOr<frames::Position> ParsePosition(std::string_view text) {
   return frames::Position{{at[0], at[1], at[2]}, world};
 }
 
+StatusOr<Vec3> ParseVector(std::string_view text) {
+  std::array<double, 3> v{};
+  if (!ReadList<double>(text, ',', v)) {
+    return InvalidArgument("'{}' is not X,Y,Z", text);
+  }
+  return Vec3{v[0], v[1], v[2]};
+}
+
 StatusOr<Rate> ParseRate(std::string_view text) {
   if (const std::optional<double> all = Number<double>(Trimmed(text))) {
     return Rate(*all);
@@ -284,13 +292,34 @@ std::string ShellQuote(const std::string& text) {
   return quoted + "'";
 }
 
+namespace {
+
+std::string FormatVector(const Vec3& v) {
+  return fmt::format("{},{},{}", v.x, v.y, v.z);
+}
+
+std::string ViewFlags(const frames::ViewSpec& resolved, const Int3& dims) {
+  const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
+                    static_cast<double>(dims.z) / 2};
+  if (const auto& camera = resolved.perspective) {
+    std::string flags = fmt::format("--eye {} --target {} --fov {}", FormatPosition(camera->eye),
+                                    FormatPosition(*camera->target), *camera->fov_y_deg);
+    return *camera->up == Vec3{0, 0, 1} ? flags : flags + " --up " + FormatVector(*camera->up);
+  }
+  std::string flags = fmt::format("--view {},{} --span {}", *resolved.azimuth_deg,
+                                  *resolved.elevation_deg, *resolved.span_voxels);
+  return resolved.center->at == middle ? flags
+                                       : flags + " --center " + FormatPosition(*resolved.center);
+}
+
+}  // namespace
+
 std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
   std::string flags = fmt::format(
-      "--field {} --fovea {} --rate {} --view {},{} --span {} --size {}x{} --transfer {} "
+      "--field {} --fovea {} --rate {} {} --size {}x{} --transfer {} "
       "--weighting {} --smoothing {}",
       ShellQuote(*resolved.field), FormatPosition(*resolved.fovea), FormatRate(*resolved.rate),
-      *resolved.view.azimuth_deg, *resolved.view.elevation_deg, *resolved.view.span_voxels,
-      *resolved.width_px, *resolved.height_px,
+      ViewFlags(resolved.view, dims), *resolved.width_px, *resolved.height_px,
       ShellQuote(render::FormatTransferFunction(*resolved.transfer)),
       FormatWeighting(*resolved.weighting), SmoothingName(*resolved.smoothing));
   if (resolved.window.value_or(WindowShape::kCube) != WindowShape::kCube) {
@@ -298,11 +327,6 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
   }
   if (resolved.reconstruction == Reconstruction::kFast) {
     flags += " --reconstruction fast";
-  }
-  const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
-                    static_cast<double>(dims.z) / 2};
-  if (resolved.view.center->at != middle) {
-    flags += fmt::format(" --center {}", FormatPosition(*resolved.view.center));
   }
   if (*resolved.background != render::Color{}) {
     flags += fmt::format(" --background {},{},{}", resolved.background->red,

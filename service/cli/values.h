@@ -36,6 +36,8 @@ struct Shard {
 [[nodiscard]] StatusOr<Rate> ParseRate(std::string_view text);
 /// 'cube', 'sphere' or 'smooth'.
 [[nodiscard]] StatusOr<WindowShape> ParseWindow(std::string_view text);
+/// 'X,Y,Z', a direction.
+[[nodiscard]] StatusOr<Vec3> ParseVector(std::string_view text);
 /// 'AZ,EL' in degrees.
 [[nodiscard]] StatusOr<std::pair<double, double>> ParseView(std::string_view text);
 /// 'WxH' in pixels.

@@ -1,6 +1,7 @@
 #include "service/export/animation.h"
 
 #include <cmath>
+#include <numbers>
 
 #include <nlohmann/json.hpp>
 
@@ -33,6 +34,19 @@ class AnimationParser {
     for (const json& key : root["keys"]) {
       FOVEA_RETURN_IF_ERROR(AddKey(key));
     }
+    const bool orthographic = !animation_.view_.empty() || !animation_.span_.empty();
+    const bool perspective = !animation_.eye_.empty() || !animation_.target_.empty() ||
+                             !animation_.up_.empty() || !animation_.fov_.empty();
+    if (orthographic && perspective) {
+      return InvalidArgument(
+          "the keys move both an orthographic view (view, span) and a camera (eye, target, up, "
+          "fov); a shot has one of them");
+    }
+    if (perspective && animation_.eye_.empty()) {
+      return InvalidArgument(
+          "the keys move a camera's target, up or fov but never say \"eye\"; one key with it is "
+          "enough");
+    }
     return std::move(animation_);
   }
 
@@ -62,10 +76,10 @@ class AnimationParser {
       size_t numbers;
       Animation::Track* track;
     };
-    const Known known[] = {{"view", 2, &animation_.view_},
-                           {"fovea", 3, &animation_.fovea_},
-                           {"rate", 1, &animation_.rate_},
-                           {"span", 1, &animation_.span_},
+    const Known known[] = {{"view", 2, &animation_.view_}, {"fovea", 3, &animation_.fovea_},
+                           {"rate", 1, &animation_.rate_}, {"span", 1, &animation_.span_},
+                           {"eye", 3, &animation_.eye_},   {"target", 3, &animation_.target_},
+                           {"up", 3, &animation_.up_},     {"fov", 1, &animation_.fov_},
                            {"step", 1, &animation_.step_}};
     for (const Known& one : known) {
       if (name != one.name) {
@@ -82,14 +96,17 @@ class AnimationParser {
         return InvalidArgument("keyframe {}: \"{}\" must be {}", frame, name,
                                one.numbers == 1   ? (name == "step" ? "a step, from 0" : "a number")
                                : one.numbers == 2 ? "[azimuth, elevation] in degrees"
+                               : name == "up"     ? "[x, y, z] in world axes"
                                                   : "[x, y, z] in voxels");
       }
       one.track->push_back(key);
       return absl::OkStatus();
     }
     return InvalidArgument(
-        "keyframe {}: unknown key \"{}\"; there are frame, view, fovea, rate, span and step", frame,
-        name);
+        "keyframe {}: unknown key \"{}\"; there are frame, view, span, eye, target, up, fov, "
+        "fovea, "
+        "rate and step",
+        frame, name);
   }
 
   Animation animation_;
@@ -110,6 +127,26 @@ Animation Animation::Orbit(double azimuth_deg, double elevation_deg, double degr
   animation.frames_ = frames;
   animation.view_ = {{0, {azimuth_deg, elevation_deg}},
                      {frames, {azimuth_deg + degrees, elevation_deg}}};
+  return animation;
+}
+
+Animation Animation::Orbit(const frames::PerspectiveSpec& camera, const Matrix4& index_to_world,
+                           double degrees, int64_t frames) {
+  Animation animation;
+  animation.frames_ = frames;
+  const Matrix4 to_voxels = index_to_world.Inverse();
+  const Vec3 target = index_to_world.TransformPoint(camera.target->at);
+  const Vec3 arm = index_to_world.TransformPoint(camera.eye.at) - target;
+  const Vec3 axis = (1 / Length(*camera.up)) * *camera.up;
+  for (int64_t frame = 0; frame < frames; ++frame) {
+    const double angle =
+        degrees * std::numbers::pi / 180 * static_cast<double>(frame) / static_cast<double>(frames);
+    // Rodrigues' formula.
+    const Vec3 turned = std::cos(angle) * arm + std::sin(angle) * Cross(axis, arm) +
+                        ((1 - std::cos(angle)) * Dot(axis, arm)) * axis;
+    const Vec3 eye = to_voxels.TransformPoint(target + turned);
+    animation.eye_.push_back({frame, {eye.x, eye.y, eye.z}});
+  }
   return animation;
 }
 
@@ -134,12 +171,36 @@ std::optional<std::array<double, 3>> Animation::Sample(const Track& track, int64
   return value;
 }
 
+void Animation::MoveCamera(int64_t frame, frames::FrameSpec* spec) const {
+  const auto vector = [](const std::array<double, 3>& v) { return Vec3{v[0], v[1], v[2]}; };
+  if (const auto eye = Sample(eye_, frame)) {
+    const frames::PerspectiveSpec camera =
+        spec->view.perspective.value_or(frames::PerspectiveSpec{});
+    spec->view = {};
+    spec->view.perspective = camera;
+    spec->view.perspective->eye = frames::Position{vector(*eye)};
+  }
+  if (!spec->view.perspective) {
+    return;
+  }
+  if (const auto target = Sample(target_, frame)) {
+    spec->view.perspective->target = frames::Position{vector(*target)};
+  }
+  if (const auto up = Sample(up_, frame)) {
+    spec->view.perspective->up = vector(*up);
+  }
+  if (const auto fov = Sample(fov_, frame)) {
+    spec->view.perspective->fov_y_deg = (*fov)[0];
+  }
+}
+
 frames::FrameSpec Animation::SpecAt(int64_t frame, const frames::FrameSpec& spec) const {
   frames::FrameSpec result = spec;
   if (const auto view = Sample(view_, frame)) {
     result.view.azimuth_deg = (*view)[0];
     result.view.elevation_deg = (*view)[1];
   }
+  MoveCamera(frame, &result);
   if (const auto fovea = Sample(fovea_, frame)) {
     result.fovea = frames::Position{{(*fovea)[0], (*fovea)[1], (*fovea)[2]}};
   }

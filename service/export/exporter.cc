@@ -114,11 +114,15 @@ Status Stopped(const ExportReport& report, const char* what_stays) {
 }
 
 /// What an animation asks for is known before the first frame is rendered.
-Status CheckPlanned(const Hierarchy& hierarchy, const std::vector<PlannedFrame>& planned) {
+Status CheckPlanned(const store::DatasetInfo& info, const std::vector<PlannedFrame>& planned) {
   for (const PlannedFrame& frame : planned) {
     Status status = frames::ValidateSpec(frame.spec);
     if (status.ok()) {
-      status = RetainedSet::Make(hierarchy, frames::FoveaOf(frame.spec)).status();
+      status = RetainedSet::Make(info.hierarchy, frames::FoveaOf(frame.spec)).status();
+    }
+    if (status.ok() && frame.spec.view.perspective) {
+      frames::PerspectiveSpec camera = *frame.spec.view.perspective;
+      status = frames::ResolveCamera(info, &camera);
     }
     if (!status.ok()) {
       return Annotate(status, fmt::format("frame {} of the animation", frame.index));
@@ -251,7 +255,7 @@ StatusOr<ExportReport> Export(FrameProvider& provider, const ExportOptions& opti
   FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec spec, provider.Resolve(wanted));
   FOVEA_ASSIGN_OR_RETURN(const auto planned, PlanFrames(options, steps, committed, spec));
 
-  FOVEA_RETURN_IF_ERROR(CheckPlanned(provider.info().hierarchy, planned));
+  FOVEA_RETURN_IF_ERROR(CheckPlanned(provider.info(), planned));
 
   ExportReport report;
   report.frames_per_second =

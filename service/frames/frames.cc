@@ -2,10 +2,13 @@
 
 #include <unistd.h>
 
+#include <array>
+#include <optional>
 #include <utility>
 
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/perspective.h"
 #include "service/frames/encode.h"
 #include "service/frames/marker.h"
 
@@ -14,8 +17,12 @@ namespace {
 
 render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
   render::RenderSettings settings;
-  settings.view = {*resolved.view.azimuth_deg, *resolved.view.elevation_deg,
-                   resolved.view.center->at, resolved.view.span_voxels};
+  if (const auto& camera = resolved.view.perspective) {
+    settings.perspective = {camera->eye.at, camera->target->at, camera->up, *camera->fov_y_deg};
+  } else {
+    settings.view = {*resolved.view.azimuth_deg, *resolved.view.elevation_deg,
+                     resolved.view.center->at, resolved.view.span_voxels};
+  }
   settings.transfer = *resolved.transfer;
   settings.weighting = *resolved.weighting;
   settings.smoothing = *resolved.smoothing;
@@ -27,9 +34,11 @@ render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
 
 /// Refuses what this machine could not hold anyway, before anything is read. Measured: 9 bytes a
 /// coefficient, 26 a pixel.
-Status CheckMemory(const RetainedSet& retained, const FrameSpec& resolved) {
+Status CheckMemory(const RetainedSet& retained, const Matrix4& index_to_world,
+                   const FrameSpec& resolved) {
   const double need = 10.0 * static_cast<double>(retained.CoefficientCount()) +
-                      28.0 * static_cast<double>(*resolved.width_px * *resolved.height_px);
+                      28.0 * static_cast<double>(*resolved.width_px * *resolved.height_px) +
+                      CameraBytes(retained, index_to_world, resolved);
   const double have =
       static_cast<double>(::sysconf(_SC_PHYS_PAGES)) * static_cast<double>(::sysconf(_SC_PAGESIZE));
   if (need > have) {
@@ -40,6 +49,18 @@ Status CheckMemory(const RetainedSet& retained, const FrameSpec& resolved) {
         have / 1e9);
   }
   return absl::OkStatus();
+}
+
+/// Where the picture shows a point; nothing if it is behind the camera.
+std::optional<std::array<double, 2>> PixelOf(const Vec3& point,
+                                             const render::RenderSettings& settings,
+                                             const store::DatasetInfo& info) {
+  if (settings.perspective) {
+    return render::ProjectToPixel(*settings.perspective, info.index_to_world, settings.width_px,
+                                  settings.height_px, point);
+  }
+  return render::ProjectToPixel(settings.view, info.hierarchy.dims(), info.index_to_world,
+                                settings.width_px, settings.height_px, point);
 }
 
 void AddReadStats(const store::ReadStats& read, const std::string& field, Frame* frame) {
@@ -57,6 +78,16 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
 
 }  // namespace
 
+double CameraBytes(const RetainedSet& retained, const Matrix4& index_to_world,
+                   const FrameSpec& resolved) {
+  if (!resolved.view.perspective) {
+    return 0;
+  }
+  const render::RenderSettings settings = SettingsOf(resolved, 0);
+  return render::PerspectiveBytes(retained, *settings.perspective, index_to_world,
+                                  settings.width_px, settings.height_px);
+}
+
 StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
                             const FrameSpec& resolved, int threads) {
   const store::DatasetInfo info = dataset.info();
@@ -73,7 +104,7 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
                        resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
-  FOVEA_RETURN_IF_ERROR(CheckMemory(retained, resolved));
+  FOVEA_RETURN_IF_ERROR(CheckMemory(retained, info.index_to_world, resolved));
 
   ReconstructStats reconstruct_stats;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
@@ -87,10 +118,9 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
 
   Stopwatch watch;
   if (resolved.fovea_marker && resolved.encoding != Encoding::kRawRgbaF32) {
-    const auto pixel =
-        render::ProjectToPixel(settings.view, info.hierarchy.dims(), info.index_to_world,
-                               settings.width_px, settings.height_px, resolved.fovea->at);
-    DrawFoveaMarker(&image, pixel[0], pixel[1]);
+    if (const auto pixel = PixelOf(resolved.fovea->at, settings, info)) {
+      DrawFoveaMarker(&image, (*pixel)[0], (*pixel)[1]);
+    }
   }
   FOVEA_ASSIGN_OR_RETURN(frame.pixels, Encode(image, resolved.encoding, *resolved.background,
                                               static_cast<int>(*resolved.jpeg_quality)));

@@ -25,6 +25,15 @@ namespace fovea::frames {
 [[nodiscard]] StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
                                               const FrameSpec& defaults);
 
+/// Fills in what a perspective view leaves out, its positions in voxels. INVALID_ARGUMENT naming
+/// field, value and range.
+[[nodiscard]] Status ResolveCamera(const store::DatasetInfo& info, PerspectiveSpec* view);
+
+/// About the bytes that the faces of a resolved perspective view need while rendering; 0 for an
+/// orthographic one, whose images are no larger than the retained set.
+[[nodiscard]] double CameraBytes(const RetainedSet& retained, const Matrix4& index_to_world,
+                                 const FrameSpec& resolved);
+
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
 /// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,
 /// RESOURCE_EXHAUSTED for what the machine's memory could not hold.

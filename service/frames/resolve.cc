@@ -119,6 +119,15 @@ Status ToVoxels(const char* name, const Matrix4& index_to_world,
   return absl::OkStatus();
 }
 
+Status ResolveOrthographic(const store::DatasetInfo& info, const ViewSpec& fallback,
+                           ViewSpec* view) {
+  TakeDefault(&view->azimuth_deg, fallback.azimuth_deg);
+  TakeDefault(&view->elevation_deg, fallback.elevation_deg);
+  TakeDefault(&view->center, fallback.center);
+  TakeDefault(&view->span_voxels, fallback.span_voxels);
+  return ToVoxels("center", info.index_to_world, &view->center);
+}
+
 Status CheckInside(const Position& given, const Vec3& voxels, const Int3& dims) {
   for (int axis = 0; axis < 3; ++axis) {
     if (!(voxels[axis] >= 0 && voxels[axis] <= static_cast<double>(dims[axis]))) {
@@ -138,6 +147,22 @@ StatusOr<FrameSpec> DefaultSpec(store::Dataset& dataset) {
   return DefaultsOfField(dataset, dataset.info().default_field);
 }
 
+Status ResolveCamera(const store::DatasetInfo& info, PerspectiveSpec* view) {
+  const Int3& dims = info.hierarchy.dims();
+  const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
+                    static_cast<double>(dims.z) / 2};
+  std::optional<Position> eye = view->eye;
+  FOVEA_RETURN_IF_ERROR(ToVoxels("eye", info.index_to_world, &eye));
+  view->eye = *eye;
+  TakeDefault(&view->target, {Position{middle}});
+  FOVEA_RETURN_IF_ERROR(ToVoxels("target", info.index_to_world, &view->target));
+  TakeDefault(&view->fov_y_deg, {45.0});
+  const render::PerspectiveView given{view->eye.at, view->target->at, view->up, *view->fov_y_deg};
+  FOVEA_RETURN_IF_ERROR(render::Validate(given, info.index_to_world));
+  view->up = render::UpOf(given, info.index_to_world);
+  return absl::OkStatus();
+}
+
 StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
                                 const FrameSpec& defaults) {
   FOVEA_RETURN_IF_ERROR(ValidateSpec(spec));
@@ -149,10 +174,11 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   if (resolved.field != defaults.field && !(spec.fovea && spec.transfer)) {
     FOVEA_ASSIGN_OR_RETURN(fallback, DefaultsOfField(dataset, *resolved.field));
   }
-  TakeDefault(&resolved.view.azimuth_deg, fallback.view.azimuth_deg);
-  TakeDefault(&resolved.view.elevation_deg, fallback.view.elevation_deg);
-  TakeDefault(&resolved.view.center, fallback.view.center);
-  TakeDefault(&resolved.view.span_voxels, fallback.view.span_voxels);
+  if (resolved.view.perspective) {
+    FOVEA_RETURN_IF_ERROR(ResolveCamera(info, &*resolved.view.perspective));
+  } else {
+    FOVEA_RETURN_IF_ERROR(ResolveOrthographic(info, fallback.view, &resolved.view));
+  }
   TakeDefault(&resolved.fovea, fallback.fovea);
   TakeDefault(&resolved.rate, fallback.rate);
   TakeDefault(&resolved.window, fallback.window);
@@ -166,7 +192,6 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   TakeDefault(&resolved.background, fallback.background);
   const Position given = *resolved.fovea;
   FOVEA_RETURN_IF_ERROR(ToVoxels("fovea", info.index_to_world, &resolved.fovea));
-  FOVEA_RETURN_IF_ERROR(ToVoxels("center", info.index_to_world, &resolved.view.center));
   FOVEA_RETURN_IF_ERROR(CheckInside(given, resolved.fovea->at, info.hierarchy.dims()));
   return resolved;
 }

@@ -22,10 +22,21 @@ struct Position {
   friend bool operator==(const Position&, const Position&) = default;
 };
 
+/// A camera at a point; conventions of render::PerspectiveView.
+struct PerspectiveSpec {
+  Position eye;
+  std::optional<Position> target;   // default: the middle of the volume
+  std::optional<Vec3> up;           // world axes; default +z (+y when sight is along z)
+  std::optional<double> fov_y_deg;  // 0.01 to 170; default 45
+  friend bool operator==(const PerspectiveSpec&, const PerspectiveSpec&) = default;
+};
+
+/// Orthographic, unless `perspective` is given; then nothing else may be.
 struct ViewSpec {
   std::optional<double> azimuth_deg, elevation_deg;
   std::optional<Position> center;
   std::optional<double> span_voxels;
+  std::optional<PerspectiveSpec> perspective;
   friend bool operator==(const ViewSpec&, const ViewSpec&) = default;
 };
 

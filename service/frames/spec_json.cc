@@ -26,7 +26,24 @@ json ColorToJson(const render::Color& color) {
           {"blue", Shortest(color.blue)}};
 }
 
+json PerspectiveToJson(const PerspectiveSpec& view) {
+  json perspective = {{"eye", PositionToJson(view.eye)}};
+  if (view.target) {
+    perspective["target"] = PositionToJson(*view.target);
+  }
+  if (view.up) {
+    perspective["up"] = {{"x", view.up->x}, {"y", view.up->y}, {"z", view.up->z}};
+  }
+  if (view.fov_y_deg) {
+    perspective["fov_y_deg"] = *view.fov_y_deg;
+  }
+  return {{"perspective", perspective}};
+}
+
 json ViewToJson(const ViewSpec& view) {
+  if (view.perspective) {
+    return PerspectiveToJson(*view.perspective);
+  }
   json orthographic = json::object();
   if (view.azimuth_deg) {
     orthographic["azimuth_deg"] = *view.azimuth_deg;

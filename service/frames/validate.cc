@@ -42,7 +42,27 @@ Status CheckPosition(const char* field, const std::optional<Position>& position)
   return absl::OkStatus();
 }
 
+Status CheckPerspective(const ViewSpec& view) {
+  const PerspectiveSpec& perspective = *view.perspective;
+  if (view.azimuth_deg || view.elevation_deg || view.center || view.span_voxels) {
+    return InvalidArgument(
+        "eye: a perspective view has neither azimuth, elevation, center nor span; leave them out");
+  }
+  FOVEA_RETURN_IF_ERROR(CheckPosition("eye", perspective.eye));
+  FOVEA_RETURN_IF_ERROR(CheckPosition("target", perspective.target));
+  if (perspective.up) {
+    FOVEA_RETURN_IF_ERROR(CheckPosition("up", Position{*perspective.up}));
+    if (*perspective.up == Vec3{}) {
+      return InvalidArgument("up 0,0,0 has no direction");
+    }
+  }
+  return CheckRange("fov_y_deg", perspective.fov_y_deg, render::kLeastFovDeg, render::kMostFovDeg);
+}
+
 Status CheckView(const ViewSpec& view) {
+  if (view.perspective) {
+    return CheckPerspective(view);
+  }
   FOVEA_RETURN_IF_ERROR(CheckFinite("azimuth_deg", view.azimuth_deg));
   FOVEA_RETURN_IF_ERROR(CheckRange("elevation_deg", view.elevation_deg, -90.0, 90.0));
   FOVEA_RETURN_IF_ERROR(CheckPosition("center", view.center));

@@ -30,7 +30,26 @@ render::Color FromProto(const v1::Color& proto) {
   return {proto.red(), proto.green(), proto.blue()};
 }
 
+void PerspectiveToProto(const frames::PerspectiveSpec& view, v1::Perspective* proto) {
+  *proto->mutable_eye() = ToProto(view.eye);
+  if (view.target) {
+    *proto->mutable_target() = ToProto(*view.target);
+  }
+  if (view.up) {
+    proto->mutable_up()->set_x(view.up->x);
+    proto->mutable_up()->set_y(view.up->y);
+    proto->mutable_up()->set_z(view.up->z);
+  }
+  if (view.fov_y_deg) {
+    proto->set_fov_y_deg(*view.fov_y_deg);
+  }
+}
+
 void ViewToProto(const frames::ViewSpec& view, v1::ViewSpec* proto) {
+  if (view.perspective) {
+    PerspectiveToProto(*view.perspective, proto->mutable_perspective());
+    return;
+  }
   v1::Orthographic& orthographic = *proto->mutable_orthographic();
   orthographic.set_azimuth_deg(view.azimuth_deg.value_or(0));
   orthographic.set_elevation_deg(view.elevation_deg.value_or(0));
@@ -121,11 +140,32 @@ StatusOr<frames::Position> FromProto(const v1::Position& proto, const std::strin
                           proto.space() == v1::SPACE_WORLD};
 }
 
+StatusOr<frames::PerspectiveSpec> FromProto(const v1::Perspective& proto, const std::string& path) {
+  if (!proto.has_eye()) {
+    return BadField(path + ".eye", "is missing: a perspective view is seen from there");
+  }
+  frames::PerspectiveSpec view;
+  FOVEA_ASSIGN_OR_RETURN(view.eye, FromProto(proto.eye(), path + ".eye"));
+  if (proto.has_target()) {
+    FOVEA_ASSIGN_OR_RETURN(view.target, FromProto(proto.target(), path + ".target"));
+  }
+  if (proto.has_up()) {
+    FOVEA_RETURN_IF_ERROR(
+        CheckFinite(path + ".up", {proto.up().x(), proto.up().y(), proto.up().z()}));
+    view.up = Vec3{proto.up().x(), proto.up().y(), proto.up().z()};
+  }
+  if (proto.has_fov_y_deg()) {
+    FOVEA_RETURN_IF_ERROR(CheckFinite(path + ".fov_y_deg", {proto.fov_y_deg()}));
+    view.fov_y_deg = proto.fov_y_deg();
+  }
+  return view;
+}
+
 StatusOr<frames::ViewSpec> FromProto(const v1::ViewSpec& proto, const std::string& path) {
   frames::ViewSpec view;
   if (proto.has_perspective()) {
-    return BadField(path + ".perspective",
-                    "perspective views are not served yet, only orthographic ones");
+    FOVEA_ASSIGN_OR_RETURN(view.perspective, FromProto(proto.perspective(), path + ".perspective"));
+    return view;
   }
   if (!proto.has_orthographic()) {
     return view;

@@ -18,11 +18,15 @@ constexpr size_t kMaxMessageBytes = 1000;
 constexpr size_t kMaxDescriptionBytes = 500;
 
 /// Fields of a FrameSpec that are not at its top level.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kNestedFields{{
+constexpr std::array<std::pair<std::string_view, std::string_view>, 9> kNestedFields{{
     {"azimuth_deg", "view.orthographic.azimuth_deg"},
     {"elevation_deg", "view.orthographic.elevation_deg"},
     {"center", "view.orthographic.center"},
     {"span_voxels", "view.orthographic.span_voxels"},
+    {"eye", "view.perspective.eye"},
+    {"target", "view.perspective.target"},
+    {"up", "view.perspective.up"},
+    {"fov_y_deg", "view.perspective.fov_y_deg"},
     {"falloff_per_voxel", "weighting.falloff_per_voxel"},
 }};
 

@@ -23,6 +23,7 @@ namespace {
 
 using testing::FailsWith;
 using testing::MakeCoefficients;
+using testing::MakeGrid;
 using testing::MakeWavyGrid;
 constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 
@@ -256,30 +257,51 @@ std::array<double, 2> BruteForceRay(const Grid& volume, const TransferFunction& 
   return {red, 1 - left};
 }
 
-/// Looking along an axis with pixels as wide as the reference plane's, every pixel of the picture
-/// is the ray of one pixel of the face.
+/// A picture of which every pixel is the ray of one voxel-wide pixel of the face across x: it looks
+/// along x with pixels as wide as the reference plane's.
+RenderSettings AlongX(const Vec3& eye, const Vec3& fovea, const Int3& dims) {
+  const double sign = eye.x < 30 ? 1 : -1;
+  const double far = sign > 0 ? static_cast<double>(dims.x) - eye.x : eye.x;
+  const double reach = std::max(std::abs(fovea.x - eye.x), far / 2);
+  const int size = 2 * static_cast<int>(reach / 2);
+  RenderSettings settings;
+  settings.perspective = PerspectiveView{
+      eye, eye + Vec3{sign, 0, 0}, {}, 2 * std::atan(size / 2.0 / reach) * 180 / std::numbers::pi};
+  settings.width_px = settings.height_px = size;
+  settings.smoothing = Smoothing::kNone;
+  settings.transfer = Colorful();
+  return settings;
+}
+
+/// The largest difference of red and cover from the definition.
+template <typename Weight>
+double WorstAgainstDefinition(const Image& image, const Grid& volume,
+                              const RenderSettings& settings, const Weight& weight) {
+  const int size = settings.width_px;
+  const Pinhole pinhole = MakePinhole(*settings.perspective, Matrix4{}, size, size);
+  double worst = 0;
+  double most = 0;
+  for (int p = 0; p < size * size; ++p) {
+    const auto expected = BruteForceRay(volume, settings.transfer, pinhole.eye,
+                                        pinhole.Ray(p % size, p / size), weight);
+    worst = std::max({worst, std::abs(expected[0] - image.rgba[4 * p]),
+                      std::abs(expected[1] - image.rgba[4 * p + 3])});
+    most = std::max(most, expected[1]);
+  }
+  EXPECT_GT(most, 0.3);
+  return worst;
+}
+
+constexpr std::array<Vec3, 3> kEyes = {Vec3{-20, 21, 18}, Vec3{61.5, 15, 20}, Vec3{3.3, 22, 10}};
+
 TEST(PerspectiveTest, EveryRayIsTheDefinitionsFromOutsideAndInside) {
   const Int3 dims{40, 44, 36};
   const Grid volume = MakeWavyGrid(dims);
-  const CoefficientSet set = MakeCoefficients(volume);
   const Vec3 fovea{22, 20.5, 17};
-  const SuperVoxels everything = MakeSuperVoxels(set, {fovea, 44});
-  const Vec3 eyes[] = {{-20, 21, 18}, {61.5, 15, 20}, {3.3, 22, 10}};
-  for (const Vec3& eye : eyes) {
+  const SuperVoxels everything = MakeSuperVoxels(MakeCoefficients(volume), {fovea, 44});
+  for (const Vec3& eye : kEyes) {
     for (int kind = 0; kind < 3; ++kind) {
-      const double sign = eye.x < 30 ? 1 : -1;
-      RenderSettings settings;
-      PerspectiveView& view = settings.perspective.emplace();
-      view.eye_voxels = eye;
-      view.target_voxels = eye + Vec3{sign, 0, 0};
-      const double far = sign > 0 ? 40 - eye.x : eye.x;
-      const double reach = std::max(std::abs(fovea.x - eye.x), far / 2);
-      // An odd number of pixels a side puts a ray at the eye's own place: shift that to a centre.
-      const int size = 2 * static_cast<int>(reach / 2);
-      view.fov_y_deg = 2 * std::atan(size / 2.0 / reach) * 180 / std::numbers::pi;
-      settings.width_px = settings.height_px = size;
-      settings.smoothing = Smoothing::kNone;
-      settings.transfer = Colorful();
+      RenderSettings settings = AlongX(eye, fovea, dims);
       settings.weighting.kind = static_cast<Weighting::Kind>(kind);
       settings.weighting.falloff_per_voxel = 0.1;
       const auto weight = [&](const Vec3& at, const Vec3& ray, double length) {
@@ -288,20 +310,78 @@ TEST(PerspectiveTest, EveryRayIsTheDefinitionsFromOutsideAndInside) {
                          kind == 2 ? 1 / (1 + 0.1 * Length(at - fovea)) : 1.0);
       };
       ASSERT_OK_AND_ASSIGN(const Image image, RenderFoveated(everything, Matrix4{}, settings));
-      const Pinhole pinhole = MakePinhole(view, Matrix4{}, size, size);
-      double worst = 0;
-      double most = 0;
-      for (int p = 0; p < size * size; ++p) {
-        const auto expected =
-            BruteForceRay(volume, settings.transfer, eye, pinhole.Ray(p % size, p / size), weight);
-        worst = std::max({worst, std::abs(expected[0] - image.rgba[4 * p]),
-                          std::abs(expected[1] - image.rgba[4 * p + 3])});
-        most = std::max(most, expected[1]);
-      }
-      EXPECT_GT(most, 0.3);
-      EXPECT_LT(worst, 1e-5) << "eye x " << eye.x << " weighting " << kind;
+      EXPECT_LT(WorstAgainstDefinition(image, volume, settings, weight), 1e-5)
+          << "eye x " << eye.x << " weighting " << kind;
     }
   }
+}
+
+TEST(PerspectiveTest, ABoxAndAPlaneCutEachRayWhereItMeetsThem) {
+  const Int3 dims{40, 44, 36};
+  const Grid volume = MakeWavyGrid(dims);
+  const Vec3 fovea{22, 20.5, 17};
+  const SuperVoxels everything = MakeSuperVoxels(MakeCoefficients(volume), {fovea, 44});
+  const Vec3 low{5.3, 6, 4.7};
+  const Vec3 high{33.5, 40, 30.2};
+  const Vec3 normal{1, 0.8, -0.3};
+  for (const Vec3& eye : kEyes) {
+    RenderSettings settings = AlongX(eye, fovea, dims);
+    settings.clip.box = {low, high};
+    settings.clip.planes = {{normal, 25}};
+    const auto weight = [&](const Vec3& at, const Vec3& ray, double length) {
+      const Vec3 sight = (1 / Length(ray)) * ray;
+      double near = -length / 2;
+      double far = length / 2;
+      const auto keep = [&](const Vec3& n, double offset) {
+        const double here = Dot(n, at) - offset;
+        const double along = Dot(n, sight);
+        near = along > 0 ? std::max(near, -here / along) : near;
+        far = along < 0 ? std::min(far, -here / along) : far;
+        far = along == 0 && here < 0 ? near : far;
+      };
+      for (int axis = 0; axis < 3; ++axis) {
+        Vec3 n;
+        n[axis] = 1;
+        keep(n, low[axis]);
+        keep(-1 * n, -high[axis]);
+      }
+      keep(normal, 25);
+      return std::pair(std::max(far - near, 0.0), 1.0);
+    };
+    ASSERT_OK_AND_ASSIGN(const Image image, RenderFoveated(everything, Matrix4{}, settings));
+    EXPECT_LT(WorstAgainstDefinition(image, volume, settings, weight), 1e-5) << "eye x " << eye.x;
+  }
+}
+
+TEST(PerspectiveTest, ASecondFieldGivesTheColour) {
+  const Int3 dims{40, 44, 36};
+  const Grid volume = MakeWavyGrid(dims);
+  const Grid paint = MakeGrid(dims, [](double x, double y, double) { return x + y; });
+  const Fovea fovea{{22, 20.5, 17}, 44};
+  const SuperVoxels everything = MakeSuperVoxels(MakeCoefficients(volume), fovea);
+  const SuperVoxels colors = MakeSuperVoxels(MakeCoefficients(paint), fovea);
+  RenderSettings settings;
+  settings.perspective = PerspectiveView{{-10, 15, 60}, {20, 22, 18}, {}, 60};
+  settings.width_px = settings.height_px = 60;
+  settings.transfer = Colorful();
+  settings.color_transfer = {{{0, {1, 0, 0}, 0}, {84, {0, 0, 1}, 0}}};
+  ASSERT_OK_AND_ASSIGN(const Image image,
+                       RenderFoveated(everything, Matrix4{}, settings, nullptr, &colors));
+  ASSERT_OK_AND_ASSIGN(const Image full,
+                       RenderReference(volume, Matrix4{}, fovea.at, settings, nullptr, &paint));
+  EXPECT_LT(LargestDifference(image, full), 1e-5);
+  ASSERT_OK_AND_ASSIGN(const Image own, RenderFoveated(everything, Matrix4{}, settings));
+  double cover = 0;
+  double green = 0;
+  for (size_t i = 0; i < image.rgba.size(); i += 4) {
+    cover = std::max(cover, static_cast<double>(std::abs(image.rgba[i + 3] - own.rgba[i + 3])));
+    green = std::max(green, static_cast<double>(image.rgba[i + 1]));
+  }
+  EXPECT_EQ(cover, 0);
+  EXPECT_EQ(green, 0);
+  settings.lighting.enabled = true;
+  EXPECT_THAT(RenderFoveated(everything, Matrix4{}, settings),
+              FailsWith(kInvalid, "lighting is for orthographic views only"));
 }
 
 TEST(PerspectiveTest, AHigherRateComesCloserToFullResolution) {

@@ -50,6 +50,27 @@ TEST(Parse, RenderTakesEveryPictureFlag) {
   EXPECT_TRUE(command.output.json && command.output.quiet);
 }
 
+TEST(Parse, PerspectiveViews) {
+  const auto render =
+      Parsed<RenderCommand>({"render", "a.zarr", "--fov", "60", "--up", "0,1,0", "--target",
+                             "4,5,6w", "--eye", "-1,2,3", "-o", "f.png"});
+  EXPECT_EQ(render.spec.view.perspective,
+            (frames::PerspectiveSpec{
+                {{-1, 2, 3}}, frames::Position{{4, 5, 6}, true}, Vec3{0, 1, 0}, 60}));
+  const auto refused = [](const std::vector<std::string>& flags, const char* text) {
+    std::vector<std::string> arguments = {"render", "a.zarr", "-o", "f.png"};
+    arguments.insert(arguments.end(), flags.begin(), flags.end());
+    const ParseResult bad = ParseCommandLine(arguments);
+    EXPECT_EQ(bad.exit_status, 2);
+    EXPECT_THAT(bad.text, HasSubstr(text));
+  };
+  refused({"--fov", "60"}, "--eye");
+  refused({"--eye", "1,2,3", "--view", "0,0"}, "--view");
+  refused({"--eye", "1,2"}, "--eye: '1,2'");
+  refused({"--eye", "1,2,3", "--fov", "180"},
+          "--fov: fov_y_deg 180 is outside its range, 0.01 to 170");
+}
+
 TEST(Parse, WindowsAndARateAnAxis) {
   const auto render = Parsed<RenderCommand>(
       {"render", "a.zarr", "--rate", "9,8,7", "--window", "smooth", "-o", "f.png"});

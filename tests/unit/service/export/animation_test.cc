@@ -54,6 +54,41 @@ TEST(Animation, AnOrbitStopsOnePartBeforeItsStart) {
   EXPECT_EQ(orbit.SpecAt(3, {}).view.elevation_deg, 5);
 }
 
+TEST(Animation, ACameraMovesAlongItsKeys) {
+  ASSERT_OK_AND_ASSIGN(const Animation animation, Animation::Parse(R"({"frames": 11, "keys": [
+    {"frame": 0, "eye": [-10, 0, 5], "target": [5, 5, 5]},
+    {"frame": 10, "eye": [10, 20, 5], "fov": 60}]})"));
+  frames::FrameSpec base;
+  base.view.azimuth_deg = 30;  // of the flags; a camera takes its place
+  base.view.span_voxels = 70;
+  const frames::ViewSpec view = animation.SpecAt(5, base).view;
+  ASSERT_TRUE(view.perspective);
+  EXPECT_FALSE(view.azimuth_deg || view.span_voxels);
+  EXPECT_EQ(view.perspective->eye, (frames::Position{{0, 10, 5}}));
+  EXPECT_EQ(view.perspective->target, (frames::Position{{5, 5, 5}}));
+  EXPECT_EQ(view.perspective->fov_y_deg, 60);
+  EXPECT_FALSE(view.perspective->up);
+}
+
+TEST(Animation, ACameraOrbitsItsTargetAtOneDistance) {
+  Matrix4 matrix;
+  matrix.m[0] = 0.5;  // a voxel is half as long in x
+  const frames::PerspectiveSpec camera{
+      {{-20, 5, 8}}, frames::Position{{0, 5, 5}}, Vec3{0, 0, 1}, 45};
+  const Animation orbit = Animation::Orbit(camera, matrix, 360, 4);
+  frames::FrameSpec base;
+  base.view.perspective = camera;
+  const auto eye = [&](int64_t frame) {
+    return orbit.SpecAt(frame, base).view.perspective->eye.at;
+  };
+  EXPECT_EQ(eye(0), camera.eye.at);
+  EXPECT_NEAR(eye(1).x, 0, 1e-9);  // a quarter on, azimuth grows: it looks along +y
+  EXPECT_NEAR(eye(1).y, -5, 1e-9);
+  EXPECT_NEAR(eye(1).z, 8, 1e-9);
+  EXPECT_NEAR(eye(2).x, 20, 1e-9);
+  EXPECT_EQ(orbit.SpecAt(1, base).view.perspective->target, camera.target);
+}
+
 TEST(Animation, SaysWhatIsWrong) {
   const auto fails = [](const std::string& text, const std::string& message) {
     EXPECT_THAT(Animation::Parse(text), FailsWith(absl::StatusCode::kInvalidArgument, message));
@@ -70,6 +105,9 @@ TEST(Animation, SaysWhatIsWrong) {
   fails(R"({"frames": 2, "keys": [{"frame": 0, "zoom": 3}]})", "unknown key \"zoom\"");
   fails(R"({"frames": 2, "keys": [{"frame": 0, "view": [1]}]})", "\"view\" must be");
   fails(R"({"frames": 2, "keys": [{"frame": 0, "fovea": [1, 2, "x"]}]})", "\"fovea\" must be");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "eye": [1, 2]}]})", "\"eye\" must be");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "eye": [1, 2, 3], "span": 4}]})", "one of them");
+  fails(R"({"frames": 2, "keys": [{"frame": 0, "fov": 30}]})", "never say \"eye\"");
   fails(R"({"frames": 2, "keys": [{"frame": 0, "rate": null}]})", "\"rate\" must be");
   fails(R"({"frames": 2, "keys": [{"frame": 0, "step": -1}]})", "\"step\" must be");
   fails(R"({"frames": 2, "keys": [{"frame": 0, "step": 1.5}]})", "\"step\" must be");

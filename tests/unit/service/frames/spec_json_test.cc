@@ -30,6 +30,14 @@ TEST(SpecJson, HasTheProtosNamesAndOnlyWhatIsThere) {
   EXPECT_EQ(SpecToJson(spec), expected) << SpecToJson(spec).dump(1);
 }
 
+TEST(SpecJson, APerspectiveViewHasTheProtosNames) {
+  FrameSpec spec;
+  spec.view.perspective = PerspectiveSpec{{{1, 2, 3}}, {}, Vec3{0, 1, 0}, 50};
+  EXPECT_EQ(SpecToJson(spec)["view"], nlohmann::json::parse(R"({"perspective": {
+    "eye": {"at": {"x": 1.0, "y": 2.0, "z": 3.0}, "space": "SPACE_VOXEL"},
+    "up": {"x": 0.0, "y": 1.0, "z": 0.0}, "fov_y_deg": 50.0}})"));
+}
+
 TEST(FrameJson, LeavesThePixelsOut) {
   Frame frame;
   frame.dataset = "lab/plume";

@@ -48,6 +48,21 @@ TEST(ValidateSpec, NamesTheFieldItsValueAndItsRange) {
   fails([](FrameSpec* s) { s->view.elevation_deg = 90.5; }, "elevation_deg 90.5");
   fails([](FrameSpec* s) { s->view.span_voxels = 0; }, "span_voxels 0");
   fails([](FrameSpec* s) { s->view.span_voxels = kNan; }, "span_voxels nan");
+  const auto camera = [](FrameSpec* s) -> PerspectiveSpec& {
+    return s->view.perspective.emplace(PerspectiveSpec{{{-9, 0, 0}}, {}, {}, {}});
+  };
+  fails([&](FrameSpec* s) { camera(s).eye.at.y = kNan; }, "eye nan");
+  fails([&](FrameSpec* s) { camera(s).target = Position{{kInfinity, 0, 0}}; }, "target inf");
+  fails([&](FrameSpec* s) { camera(s).up = Vec3{0, 0, kNan}; }, "up nan");
+  fails([&](FrameSpec* s) { camera(s).up = Vec3{}; }, "up 0,0,0");
+  fails([&](FrameSpec* s) { camera(s).fov_y_deg = 0; }, "fov_y_deg 0 is outside");
+  fails([&](FrameSpec* s) { camera(s).fov_y_deg = 180; }, "fov_y_deg 180");
+  fails(
+      [&](FrameSpec* s) {
+        camera(s);
+        s->view.span_voxels = 3;
+      },
+      "eye: a perspective view has neither");
   fails([](FrameSpec* s) { s->background = render::Color{0, 1.5F, 0}; }, "background 1.5");
   fails([](FrameSpec* s) { s->transfer = render::TransferFunction{}; }, "transfer_function");
   fails(
@@ -91,6 +106,26 @@ TEST(ResolveSpec, KeepsWhatWasSaidAndFillsInTheRest) {
   EXPECT_EQ(resolved.view.elevation_deg, defaults.view.elevation_deg);
   EXPECT_EQ(resolved.fovea, defaults.fovea);
   EXPECT_EQ(resolved.transfer, defaults.transfer);
+}
+
+TEST(ResolveSpec, FillsInAPerspectiveView) {
+  FakeDataset dataset(1);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  FrameSpec spec;
+  spec.view.perspective = PerspectiveSpec{{{10, 20, 30}, true}, {}, {}, {}};
+  ASSERT_OK_AND_ASSIGN(const FrameSpec resolved, ResolveSpec(dataset, spec, defaults));
+  ASSERT_TRUE(resolved.view.perspective);
+  EXPECT_EQ(*resolved.view.perspective,
+            (PerspectiveSpec{{{0, 0, 0}}, Position{{20, 16, 24}}, Vec3{0, 0, 1}, 45}));
+  EXPECT_FALSE(resolved.view.azimuth_deg || resolved.view.center || resolved.view.span_voxels);
+  EXPECT_EQ(*ResolveSpec(dataset, resolved, defaults), resolved);
+  spec.view.perspective = PerspectiveSpec{{{20, 16, 200}}, {}, {}, 30};  // straight down
+  EXPECT_EQ(ResolveSpec(dataset, spec, defaults)->view.perspective->up, (Vec3{0, 1, 0}));
+  spec.view.perspective->up = Vec3{0, 0, 2};
+  EXPECT_THAT(ResolveSpec(dataset, spec, defaults), FailsWith(kInvalid, "up 0, 0, 2 is parallel"));
+  spec.view.perspective = PerspectiveSpec{{{20, 16, 24}}, {}, {}, {}};
+  EXPECT_THAT(ResolveSpec(dataset, spec, defaults),
+              FailsWith(kInvalid, "target 20, 16, 24 is the eye itself"));
 }
 
 TEST(ResolveSpec, TurnsWorldPositionsIntoVoxels) {

@@ -187,8 +187,21 @@ const BadFrame kBadFrames[] = {
        r->mutable_spec()->mutable_view()->mutable_orthographic()->set_azimuth_deg(
            std::numeric_limits<double>::quiet_NaN());
      }},
-    {"spec.view.perspective", absl::StatusCode::kInvalidArgument, "orthographic",
+    {"spec.view.perspective.eye", absl::StatusCode::kInvalidArgument, "missing",
      [](v1::RenderFrameRequest* r) { r->mutable_spec()->mutable_view()->mutable_perspective(); }},
+    {"spec.view.perspective.up", absl::StatusCode::kInvalidArgument, "parallel",
+     [](v1::RenderFrameRequest* r) {
+       auto* view = r->mutable_spec()->mutable_view()->mutable_perspective();
+       view->mutable_eye()->mutable_at()->set_x(-50);
+       view->mutable_target();
+       view->mutable_up()->set_x(1);
+     }},
+    {"spec.view.perspective.target", absl::StatusCode::kInvalidArgument, "is the eye itself",
+     [](v1::RenderFrameRequest* r) {
+       auto* view = r->mutable_spec()->mutable_view()->mutable_perspective();
+       view->mutable_eye();
+       view->mutable_target();
+     }},
     {"dataset", absl::StatusCode::kInvalidArgument, "empty",
      [](v1::RenderFrameRequest* r) { r->clear_dataset(); }},
     {"", absl::StatusCode::kOutOfRange, "steps 0 to 4",

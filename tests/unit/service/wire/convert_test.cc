@@ -80,6 +80,18 @@ TEST(SpecTest, EveryWindowAndARateAnAxisSurviveTheRoundTrip) {
   }
 }
 
+TEST(SpecTest, APerspectiveViewComesBackWithAndWithoutItsOptions) {
+  frames::FrameSpec spec;
+  spec.view.perspective = frames::PerspectiveSpec{{{1, -2, 3.5}, true}, {}, {}, {}};
+  ASSERT_OK_AND_ASSIGN(frames::FrameSpec back, RoundTrip(spec));
+  EXPECT_EQ(back, spec);
+  spec.view.perspective->target = frames::Position{{4, 5, 6}};
+  spec.view.perspective->up = Vec3{0, 1, 0.25};
+  spec.view.perspective->fov_y_deg = 70;
+  ASSERT_OK_AND_ASSIGN(back, RoundTrip(spec));
+  EXPECT_EQ(back, spec);
+}
+
 TEST(SpecTest, AnglesLeftOutOfAGivenViewAreZero) {
   v1::FrameSpec proto;
   proto.mutable_view()->mutable_orthographic()->set_span_voxels(10);
@@ -144,8 +156,23 @@ const BadSpec kBadSpecs[] = {
        s->mutable_weighting()->set_kind(v1::Weighting::FALLOFF);
        s->mutable_weighting()->set_falloff_per_voxel(-1);
      }},
-    {"spec.view.perspective", "not served yet",
+    {"spec.view.perspective.eye", "is missing",
      [](v1::FrameSpec* s) { s->mutable_view()->mutable_perspective()->set_fov_y_deg(45); }},
+    {"spec.view.perspective.fov_y_deg", "180 is outside its range, 0.01 to 170",
+     [](v1::FrameSpec* s) {
+       s->mutable_view()->mutable_perspective()->mutable_eye();
+       s->mutable_view()->mutable_perspective()->set_fov_y_deg(180);
+     }},
+    {"spec.view.perspective.up", "finite",
+     [](v1::FrameSpec* s) {
+       s->mutable_view()->mutable_perspective()->mutable_eye();
+       s->mutable_view()->mutable_perspective()->mutable_up()->set_y(kNan);
+     }},
+    {"spec.view.perspective.target.at", "finite",
+     [](v1::FrameSpec* s) {
+       s->mutable_view()->mutable_perspective()->mutable_eye();
+       s->mutable_view()->mutable_perspective()->mutable_target()->mutable_at()->set_x(kInfinity);
+     }},
     {"spec.view.orthographic.azimuth_deg", "finite",
      [](v1::FrameSpec* s) { s->mutable_view()->mutable_orthographic()->set_azimuth_deg(kNan); }},
     {"spec.view.orthographic.elevation_deg", "-90 to 90",
