@@ -298,18 +298,14 @@ std::string FormatVector(const Vec3& v) {
   return fmt::format("{},{},{}", v.x, v.y, v.z);
 }
 
-std::string ViewFlags(const frames::ViewSpec& resolved, const Int3& dims) {
-  const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
-                    static_cast<double>(dims.z) / 2};
+std::string ViewFlags(const frames::ViewSpec& resolved) {
   if (const auto& camera = resolved.perspective) {
     std::string flags = fmt::format("--eye {} --target {} --fov {}", FormatPosition(camera->eye),
                                     FormatPosition(*camera->target), *camera->fov_y_deg);
     return *camera->up == Vec3{0, 0, 1} ? flags : flags + " --up " + FormatVector(*camera->up);
   }
-  std::string flags = fmt::format("--view {},{} --span {}", *resolved.azimuth_deg,
-                                  *resolved.elevation_deg, *resolved.span_voxels);
-  return resolved.center->at == middle ? flags
-                                       : flags + " --center " + FormatPosition(*resolved.center);
+  return fmt::format("--view {},{} --span {}", *resolved.azimuth_deg, *resolved.elevation_deg,
+                     *resolved.span_voxels);
 }
 
 }  // namespace
@@ -319,7 +315,7 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
       "--field {} --fovea {} --rate {} {} --size {}x{} --transfer {} "
       "--weighting {} --smoothing {}",
       ShellQuote(*resolved.field), FormatPosition(*resolved.fovea), FormatRate(*resolved.rate),
-      ViewFlags(resolved.view, dims), *resolved.width_px, *resolved.height_px,
+      ViewFlags(resolved.view), *resolved.width_px, *resolved.height_px,
       ShellQuote(render::FormatTransferFunction(*resolved.transfer)),
       FormatWeighting(*resolved.weighting), SmoothingName(*resolved.smoothing));
   if (resolved.window.value_or(WindowShape::kCube) != WindowShape::kCube) {
@@ -327,6 +323,11 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
   }
   if (resolved.reconstruction == Reconstruction::kFast) {
     flags += " --reconstruction fast";
+  }
+  const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
+                    static_cast<double>(dims.z) / 2};
+  if (!resolved.view.perspective && resolved.view.center->at != middle) {
+    flags += fmt::format(" --center {}", FormatPosition(*resolved.view.center));
   }
   if (*resolved.background != render::Color{}) {
     flags += fmt::format(" --background {},{},{}", resolved.background->red,

@@ -71,8 +71,8 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
       render::Resolved({}, info.hierarchy.dims(), info.index_to_world);
   FrameSpec spec;
   spec.field = field;
-  spec.view = {view.azimuth_deg, view.elevation_deg, Position{*view.center_voxels},
-               *view.span_voxels};
+  spec.view = {
+      view.azimuth_deg, view.elevation_deg, Position{*view.center_voxels}, *view.span_voxels, {}};
   spec.fovea = Position{fovea};
   spec.rate = render::DefaultRate(info.hierarchy);
   spec.window = WindowShape::kCube;

@@ -99,7 +99,7 @@ TEST(Values, ShellQuoting) {
 frames::FrameSpec Resolved() {
   frames::FrameSpec spec;
   spec.field = "density";
-  spec.view = {30, -20.5, frames::Position{{20, 16, 24}}, 70.25};
+  spec.view = {30, -20.5, frames::Position{{20, 16, 24}}, 70.25, {}};
   spec.fovea = frames::Position{{19, 0.1, 24}};
   spec.rate = 40;
   spec.transfer = *ParseTransfer("0:0,0,0:0;1:1,0.5,0:0.1");
@@ -125,6 +125,20 @@ TEST(ParseWindow, KnowsThreeShapes) {
   EXPECT_EQ(*ParseWindow("smooth"), WindowShape::kSmooth);
   EXPECT_EQ(*ParseWindow("cube"), WindowShape::kCube);
   EXPECT_THAT(ParseWindow("ball"), FailsWith(kInvalid, "'ball' is not cube, sphere or smooth"));
+}
+
+TEST(PinningFlags, OfAPerspectiveView) {
+  frames::FrameSpec spec = Resolved();
+  spec.view = {};
+  spec.view.perspective =
+      frames::PerspectiveSpec{{{-10, 5.5, 6}}, frames::Position{{20, 16, 24}}, Vec3{0, 0, 1}, 45};
+  const std::string flags = PinningFlags(spec, {40, 32, 48});
+  EXPECT_NE(flags.find("--rate 40 --eye -10,5.5,6 --target 20,16,24 --fov 45 --size"),
+            std::string::npos)
+      << flags;
+  spec.view.perspective->up = Vec3{0, 1, 0};
+  const std::string tilted = PinningFlags(spec, {40, 32, 48});
+  EXPECT_NE(tilted.find("--fov 45 --up 0,1,0 --size"), std::string::npos) << tilted;
 }
 
 TEST(PinningFlags, SayEverythingAndLeaveOutWhatAllChooseAlike) {
