@@ -5,6 +5,7 @@
 
 #include "engine/base/parallel.h"
 #include "engine/render/rgba_vector.h"
+#include "engine/render/smooth_sample.h"
 #include "engine/render/warp_line.h"
 
 namespace fovea::render {
@@ -60,17 +61,6 @@ void Clear(const Columns& columns, float* row) {
   std::fill(row + 4 * columns.begin, row + 4 * columns.end, 0.0F);
 }
 
-RgbaVector Bilinear(const Rgba* row0, const Rgba* row1, float fu, float fv) {
-  return Mix(Mix(Load(row0[0]), Load(row0[1]), fu), Mix(Load(row1[0]), Load(row1[1]), fu), fv);
-}
-
-/// Quadratic B-spline weights of the pixel before, the one that holds the point, and the one after.
-struct SplineWeights {
-  explicit SplineWeights(float f)
-      : before(0.5F * (1 - f) * (1 - f)), after(0.5F * f * f), own(1 - before - after) {}
-  float before, after, own;
-};
-
 /// How much of a point lies within reach of the sheet's pixels, which end between pixel centres:
 /// 1 inside, falling to 0 over the voxel around its edge.
 float CoverOf(const Rect& sheet, double at_u, double at_v) {
@@ -87,9 +77,8 @@ class SmoothLine {
   SmoothLine() = default;
   SmoothLine(const SmoothLevel& level, const SheetLine& line, const Columns& columns)
       : level_(&level) {
-    // Bilinear taps are counted from pixel centres.
-    const double to_tap =
-        (level.basis == Basis::kBilinear ? 0.5 : 0.0) - static_cast<double>(SmoothLevel::kBorder);
+    const double border = SmoothLevel::kBorder;
+    const double to_tap = TapOrigin(level.basis) - border;
     line_ = FixedLine(line, columns.begin, static_cast<double>(level.width),
                       static_cast<double>(level.rect.u0) + to_tap,
                       static_cast<double>(level.rect.v0) + to_tap);
@@ -100,49 +89,11 @@ class SmoothLine {
   /// The level's weighted value at a column, and its weight. Whether it has any.
   bool Sample(int64_t column, RgbaVector* weighted, float* weight) const {
     const FixedLine::Point p = line_.At(column);
-    const auto at = static_cast<size_t>(p.v * level_->stride + p.u);
-    const CellKind cell = level_->cells[at];
-    if (cell == CellKind::kNone) {
-      return false;
-    }
-    const Rgba* values = &level_->weighted[at];
-    const bool full = cell == CellKind::kFull;
-    if (level_->basis == Basis::kBilinear) {
-      *weighted = Bilinear(values, values + level_->stride, p.fu, p.fv);
-      *weight = full ? 1 : BilinearWeight(at, p);
-    } else {
-      const SplineWeights u(p.fu);
-      const SplineWeights v(p.fv);
-      const auto line = [&u](const Rgba* middle) {
-        return u.before * Load(middle[-1]) + u.own * Load(middle[0]) + u.after * Load(middle[1]);
-      };
-      *weighted = v.before * line(values - level_->stride) + v.own * line(values) +
-                  v.after * line(values + level_->stride);
-      *weight = full ? 1 : SplineWeight(at, u, v);
-    }
-    return true;
+    return SmoothSampler(*level_).At(static_cast<size_t>(p.v * level_->stride + p.u), p.fu, p.fv,
+                                     weighted, weight);
   }
 
  private:
-  [[nodiscard]] float WeightAt(size_t pixel) const {
-    return 0.5F * static_cast<float>(level_->halves[pixel]);
-  }
-  [[nodiscard]] float BilinearWeight(size_t at, const FixedLine::Point& p) const {
-    const auto line = [&](size_t tap) {
-      return WeightAt(tap) + p.fu * (WeightAt(tap + 1) - WeightAt(tap));
-    };
-    const float near = line(at);
-    return near + p.fv * (line(at + level_->stride) - near);
-  }
-  [[nodiscard]] float SplineWeight(size_t at, const SplineWeights& u,
-                                   const SplineWeights& v) const {
-    const auto line = [&](size_t tap) {
-      return u.before * WeightAt(tap - 1) + u.own * WeightAt(tap) + u.after * WeightAt(tap + 1);
-    };
-    return v.before * line(at - level_->stride) + v.own * line(at) +
-           v.after * line(at + level_->stride);
-  }
-
   const SmoothLevel* level_ = nullptr;
   FixedLine line_;
 };
