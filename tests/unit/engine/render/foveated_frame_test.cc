@@ -208,12 +208,12 @@ FoveatedFrame FrameOf(const std::function<float(int64_t u, int64_t v)>& value) {
   return frame;
 }
 
-TEST(FoveatedFrameTest, BothBasesKeepSlopesAndMeans) {
+TEST(FoveatedFrameTest, BothBasesKeepSlopesAndSums) {
   const FoveatedFrame slope = FrameOf([](int64_t u, int64_t v) {
     return 0.1F + 0.01F * static_cast<float>(u) + 0.02F * static_cast<float>(v);
   });
   const FoveatedFrame spot =
-      FrameOf([](int64_t u, int64_t v) { return u == 9 && v == 8 ? 0.5F : 0.4F; });
+      FrameOf([](int64_t u, int64_t v) { return u == 9 && v == 8 ? 0.625F : 0.5F; });
   for (const Basis basis : {Basis::kBilinear, Basis::kBspline}) {
     const Image image = Expand(slope, 40, 40, Smoothing::kImage, basis, 1);
     const Image spotted = Expand(spot, 40, 40, Smoothing::kImage, basis, 1);
@@ -224,10 +224,10 @@ TEST(FoveatedFrameTest, BothBasesKeepSlopesAndMeans) {
         // Pixel u has its centre at 2 u + 1.
         EXPECT_NEAR(image.rgba[at], 0.1 + 0.01 * (i - 0.5) / 2 + 0.02 * (j - 0.5) / 2, 1e-6);
         EXPECT_NEAR(spotted.rgba[at + 3], 1, 1e-6);
-        sum += spotted.rgba[at] - 0.4;
+        sum += spotted.rgba[at] - 0.5;
       }
     }
-    EXPECT_NEAR(sum, 4 * 0.1, 1e-5);
+    EXPECT_NEAR(sum, 4 * 0.125, 1e-5);
   }
 }
 
