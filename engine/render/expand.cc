@@ -5,7 +5,7 @@
 namespace fovea::render {
 
 void Expand(const FoveatedFrame& frame, int width_px, int height_px, Smoothing smoothing,
-            int threads, ExpandScratch* scratch, Image* image) {
+            Basis basis, int threads, ExpandScratch* scratch, Image* image) {
   image->width = width_px;
   image->height = height_px;
   image->rgba.resize(4 * static_cast<size_t>(width_px) * static_cast<size_t>(height_px));
@@ -14,15 +14,15 @@ void Expand(const FoveatedFrame& frame, int width_px, int height_px, Smoothing s
     WarpLeaves(frame.levels, frame.sheet, warp, threads, image);
     return;
   }
-  Smooth(frame.levels, threads, &scratch->levels);
+  Smooth(frame.levels, basis, threads, &scratch->levels);
   WarpSmooth(scratch->levels, frame.sheet, warp, threads, image);
 }
 
 Image Expand(const FoveatedFrame& frame, int width_px, int height_px, Smoothing smoothing,
-             int threads) {
+             Basis basis, int threads) {
   ExpandScratch scratch;
   Image image;
-  Expand(frame, width_px, height_px, smoothing, threads, &scratch, &image);
+  Expand(frame, width_px, height_px, smoothing, basis, threads, &scratch, &image);
   return image;
 }
 

@@ -19,9 +19,9 @@ struct ExpandScratch {
 /// frame's own shows the same view at another resolution. The bits depend on frame, sizes and
 /// smoothing only: not on threads, and not on where the frame came from.
 void Expand(const FoveatedFrame& frame, int width_px, int height_px, Smoothing smoothing,
-            int threads, ExpandScratch* scratch, Image* image);
+            Basis basis, int threads, ExpandScratch* scratch, Image* image);
 [[nodiscard]] Image Expand(const FoveatedFrame& frame, int width_px, int height_px,
-                           Smoothing smoothing, int threads);
+                           Smoothing smoothing, Basis basis, int threads);
 
 }  // namespace fovea::render
 

@@ -18,6 +18,10 @@ namespace fovea::render {
 /// kFull: thick rays are also split smoothly, so that the foreground of the fovea has no blocks.
 enum class Smoothing { kNone, kImage, kFull };
 
+/// What the smoothed picture is interpolated with: straight lines between pixel centres, or
+/// quadratic B-splines, which have no creases.
+enum class Basis { kBilinear, kBspline };
+
 /// A pixel of one level: not drawn at this level, drawn, or drawn by its four children.
 enum class PixelKind : uint8_t { kAbsent, kLeaf, kSplit };
 

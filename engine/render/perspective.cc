@@ -66,7 +66,7 @@ StatusOr<Image> RenderPerspective(const SuperVoxels& volume, const SuperVoxels* 
       images[f].emplace(*faces[f], sheet, std::move(levels));
     } else {
       std::vector<SmoothLevel> smooth;
-      Smooth(levels, settings.threads, &smooth);
+      Smooth(levels, settings.basis, settings.threads, &smooth);
       images[f].emplace(*faces[f], sheet, std::move(smooth));
     }
     counted.smooth_warp_ms += watch.RestartMs();

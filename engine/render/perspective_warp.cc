@@ -9,6 +9,7 @@
 #include "engine/base/parallel.h"
 #include "engine/render/path_lengths.h"
 #include "engine/render/rgba_vector.h"
+#include "engine/render/smooth_sample.h"
 
 namespace fovea::render {
 namespace {
@@ -19,9 +20,10 @@ struct Place {
   float fu = 0, fv = 0;
 };
 
-Place PlaceOf(double at_u, double at_v, double inverse_width) {
-  const double x = at_u * inverse_width - 0.5;
-  const double y = at_v * inverse_width - 0.5;
+/// `origin`: where taps are counted from, in pixels.
+Place PlaceOf(double at_u, double at_v, double inverse_width, double origin) {
+  const double x = at_u * inverse_width - origin;
+  const double y = at_v * inverse_width - origin;
   const double floor_x = std::floor(x);
   const double floor_y = std::floor(y);
   return {static_cast<int64_t>(floor_x), static_cast<int64_t>(floor_y),
@@ -36,15 +38,6 @@ float CoverOf(const Rect& sheet, double at_u, double at_v) {
   const double v =
       std::min(at_v - static_cast<double>(sheet.v0), static_cast<double>(sheet.v1) - at_v);
   return static_cast<float>(std::clamp(u + 0.5, 0.0, 1.0) * std::clamp(v + 0.5, 0.0, 1.0));
-}
-
-float WeightAt(const SmoothLevel& level, size_t at, const Place& place) {
-  const auto weigh = [&](size_t tap) {
-    const auto first = static_cast<float>(level.halves[tap]);
-    return first + place.fu * (static_cast<float>(level.halves[tap + 1]) - first);
-  };
-  const float near = weigh(at);
-  return 0.5F * (near + place.fv * (weigh(at + static_cast<size_t>(level.stride)) - near));
 }
 
 Rgba ToRgba(RgbaVector value) {
@@ -81,7 +74,7 @@ Rgba FaceImage::Leaf(int64_t u, int64_t v) const {
 }
 
 Rgba FaceImage::Staircase(double at_u, double at_v) const {
-  const Place place = PlaceOf(at_u, at_v, 1);
+  const Place place = PlaceOf(at_u, at_v, 1, 0.5);
   const auto leaf = [&](int64_t du, int64_t dv) { return Load(Leaf(place.u + du, place.v + dv)); };
   return ToRgba(
       Mix(Mix(leaf(0, 0), leaf(1, 0), place.fu), Mix(leaf(0, 1), leaf(1, 1), place.fu), place.fv));
@@ -95,22 +88,18 @@ Rgba FaceImage::Smoothed(double at_u, double at_v) const {
   for (size_t l = smooth_.size(); l-- > 0 && left > 1e-6F;) {
     const SmoothLevel& level = smooth_[l];
     const Rect& rect = level.rect;
-    const Place place = PlaceOf(at_u, at_v, 1 / static_cast<double>(level.width));
-    if (place.u < rect.u0 - 1 || place.u >= rect.u1 || place.v < rect.v0 - 1 ||
-        place.v >= rect.v1) {
+    const Place place =
+        PlaceOf(at_u, at_v, 1 / static_cast<double>(level.width), TapOrigin(level.basis));
+    if (place.u < rect.u0 - 1 || place.u > rect.u1 || place.v < rect.v0 - 1 || place.v > rect.v1) {
       continue;
     }
-    const size_t at = level.Index(place.u, place.v);
-    if (level.cells[at] == CellKind::kNone) {
-      continue;
+    RgbaVector own;
+    float weight;
+    if (SmoothSampler(level).At(level.Index(place.u, place.v), place.fu, place.fv, &own, &weight)) {
+      // Between pixels one voxel wide the sheet's edge fades by itself.
+      value += (level.width == 1 ? left : left * cover) * own;
+      left *= 1 - weight;
     }
-    const Rgba* row0 = &level.weighted[at];
-    const Rgba* row1 = row0 + level.stride;
-    const RgbaVector own = Mix(Mix(Load(row0[0]), Load(row0[1]), place.fu),
-                               Mix(Load(row1[0]), Load(row1[1]), place.fu), place.fv);
-    // Between pixels one voxel wide the sheet's edge fades by itself.
-    value += (level.width == 1 ? left : left * cover) * own;
-    left *= level.cells[at] == CellKind::kFull ? 0 : 1 - WeightAt(level, at, place);
   }
   return ToRgba(value);
 }

@@ -283,8 +283,8 @@ Image RenderSheet(const Tracer& tracer, const Int3& dims, const ShearView& view,
     }
   });
   const double render_ms = watch.RestartMs();
-  Image image =
-      Expand(frame, settings.width_px, settings.height_px, Smoothing::kNone, settings.threads);
+  Image image = Expand(frame, settings.width_px, settings.height_px, Smoothing::kNone,
+                       settings.basis, settings.threads);
   if (stats != nullptr) {
     *stats = {samples, render_ms, watch.RestartMs()};
   }

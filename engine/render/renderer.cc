@@ -160,7 +160,7 @@ Status RenderFoveated(const SuperVoxels& volume, const Matrix4& index_to_world,
   FOVEA_RETURN_IF_ERROR(
       RenderFrame(volume, index_to_world, settings, scratch, stats, color_volume));
   const Stopwatch watch;
-  Expand(scratch->frame, settings.width_px, settings.height_px, settings.smoothing,
+  Expand(scratch->frame, settings.width_px, settings.height_px, settings.smoothing, settings.basis,
          settings.threads, &scratch->expand, image);
   if (stats != nullptr) {
     stats->smooth_warp_ms = watch.ElapsedMs();
@@ -199,8 +199,8 @@ StatusOr<Image> RenderFused(CoefficientSource& source, const RetainedSet& retain
                                    &scratch.trace, &counted));
   CombineLayers(dims, view, settings, &scratch);
   Image image;
-  Expand(scratch.frame, settings.width_px, settings.height_px, settings.smoothing, settings.threads,
-         &scratch.expand, &image);
+  Expand(scratch.frame, settings.width_px, settings.height_px, settings.smoothing, settings.basis,
+         settings.threads, &scratch.expand, &image);
   counted.total_ms = watch.ElapsedMs();
   if (stats != nullptr) {
     *stats = counted;

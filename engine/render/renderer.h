@@ -72,6 +72,7 @@ struct RenderSettings {
   Clip clip;
   Weighting weighting;
   Smoothing smoothing = Smoothing::kFull;
+  Basis basis = Basis::kBilinear;       // what kImage and kFull interpolate with
   int width_px = 512, height_px = 512;  // 1 to kMaxPicturePixels
   /// Where less of a ray is left than this, what lies behind is skipped: 0 (nothing is) to 0.1.
   float spent_transmittance = 1.0F / 4096;

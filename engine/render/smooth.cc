@@ -1,7 +1,6 @@
 #include "engine/render/smooth.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
 
@@ -17,41 +16,71 @@ int64_t RowsInPiece(const Rect& rect) {
   return std::max<int64_t>(4, kPixels / rect.Width());
 }
 
-void TakeShape(const FrameLevel& from, SmoothLevel* to) {
+void TakeShape(const FrameLevel& from, Basis basis, SmoothLevel* to) {
   constexpr int64_t kBorders = 2 * SmoothLevel::kBorder;
   to->width = from.width;
   to->rect = from.rect;
+  to->basis = from.width > 1 ? basis : Basis::kBilinear;
   to->stride = from.rect.Width() + kBorders;
   const auto pixels = static_cast<size_t>(to->stride * (from.rect.Height() + kBorders));
   to->values.resize(pixels);
-  to->weighted.resize(pixels);
   to->presence.resize(pixels);
+  to->weighted.resize(pixels);
   to->halves.resize(pixels);
   to->cells.resize(pixels);
+}
+
+/// Fills a row's border: with the outermost pixel where `repeat` says so, else with nothing.
+template <typename T>
+void ExtendRow(const SmoothLevel& level, int64_t v, bool repeat_u0, bool repeat_u1,
+               std::vector<T>* plane) {
+  T* row = plane->data() + level.Index(level.rect.u0, v);
+  const int64_t count = level.rect.Width();
+  std::fill_n(row - SmoothLevel::kBorder, SmoothLevel::kBorder, repeat_u0 ? row[0] : T{});
+  std::fill_n(row + count, SmoothLevel::kBorder, repeat_u1 ? row[count - 1] : T{});
+}
+
+/// The border above and below, once every row has its own.
+template <typename T>
+void ExtendColumns(const SmoothLevel& level, bool repeat_v0, bool repeat_v1,
+                   std::vector<T>* plane) {
+  const int64_t stride = level.stride;
+  const auto row = [&](int64_t v) {
+    return plane->data() + level.Index(level.rect.u0 - SmoothLevel::kBorder, v);
+  };
+  const auto extend = [&](bool repeat, int64_t from, int64_t to) {
+    if (repeat) {
+      std::copy_n(row(from), stride, row(to));
+    } else {
+      std::fill_n(row(to), stride, T{});
+    }
+  };
+  for (int64_t i = 1; i <= SmoothLevel::kBorder; ++i) {
+    extend(repeat_v0, level.rect.v0, level.rect.v0 - i);
+    extend(repeat_v1, level.rect.v1 - 1, level.rect.v1 - 1 + i);
+  }
 }
 
 /// A child whose ray leaves through a side of the volume does not speak for a pixel that has
 /// others crossing from face to face: it would draw the volume's edge into the middle of the pixel.
 RgbaVector MeanOfChildren(const SmoothLevel& finer, const Rect& crossing, int64_t u, int64_t v) {
-  std::array<bool, 4> speaks{};
-  for (int i = 0; i < 4; ++i) {
-    speaks[i] = crossing.Contains(2 * u + (i & 1), 2 * v + (i >> 1));
-  }
-  if (speaks == std::array<bool, 4>{}) {
-    speaks.fill(true);
-  }
   const Rgba* first = &finer.values[finer.Index(2 * u, 2 * v)];
-  const std::array<const Rgba*, 4> children = {first, first + 1, first + finer.stride,
-                                               first + finer.stride + 1};
-  RgbaVector sum = {};
+  const Rgba* below = first + finer.stride;
+  if (crossing.Contains(2 * u, 2 * v) && crossing.Contains(2 * u + 1, 2 * v + 1)) {
+    return 0.25F * ((Load(first[0]) + Load(first[1])) + (Load(below[0]) + Load(below[1])));
+  }
+  RgbaVector all = {};
+  RgbaVector speaking = {};
   float count = 0;
   for (int i = 0; i < 4; ++i) {
-    if (speaks[i]) {
-      sum += Load(*children[i]);
+    const RgbaVector child = Load(i < 2 ? first[i] : below[i - 2]);
+    all += child;
+    if (crossing.Contains(2 * u + (i & 1), 2 * v + (i >> 1))) {
+      speaking += child;
       count += 1;
     }
   }
-  return sum / count;
+  return count > 0 ? speaking / count : 0.25F * all;
 }
 
 /// The values of row v: leaves as they are, split pixels as the mean of their children, absent
@@ -72,28 +101,7 @@ void FillRow(const FrameLevel& level, const FrameLevel* finer, const SmoothLevel
     Store(value, &smooth->values[to + i]);
     smooth->presence[to + i] = kind != PixelKind::kAbsent ? 1 : 0;
   }
-}
-
-/// Calls `copy(to, from)` for every pixel of the border, `from` being the pixel of rect next to it
-/// where the volume ends in that direction, and -1 where a coarser level goes on.
-template <typename Copy>
-void ForBorder(const FrameLevel& level, const SmoothLevel& smooth, const Copy& copy) {
-  constexpr int64_t kBorder = SmoothLevel::kBorder;
-  const Rect& rect = level.rect;
-  for (int64_t v = rect.v0 - kBorder; v < rect.v1 + kBorder; ++v) {
-    const bool beside = v >= rect.v0 && v < rect.v1;
-    const bool ends_v = beside || (v < rect.v0 ? level.void_v0 : level.void_v1);
-    for (int64_t u = rect.u0 - kBorder; u < rect.u1 + kBorder; ++u) {
-      if (beside && u == rect.u0) {
-        u = rect.u1;  // over the inside
-      }
-      const bool ends_u =
-          (u >= rect.u0 && u < rect.u1) || (u < rect.u0 ? level.void_u0 : level.void_u1);
-      const size_t nearest =
-          smooth.Index(std::clamp(u, rect.u0, rect.u1 - 1), std::clamp(v, rect.v0, rect.v1 - 1));
-      copy(smooth.Index(u, v), ends_u && ends_v ? static_cast<int64_t>(nearest) : -1);
-    }
-  }
+  ExtendRow(*smooth, v, level.void_u0, level.void_u1, &smooth->presence);
 }
 
 /// Pixels from the edge of a level's own take over from the coarser level at half weight, the next
@@ -115,31 +123,34 @@ void WeighRow(int64_t v, SmoothLevel* smooth) {
 /// At a sharp edge the step towards the inverse overshoots. It goes at most as far as half of the
 /// value in any channel, in all channels alike, so that the hue stays.
 RgbaVector Sharpened(RgbaVector own, RgbaVector step) {
+  const RgbaVector most = 0.5F * own;
   float scale = 1;
-  for (int i = 0; i < 4; ++i) {
-    const float change = std::abs(step[i]);
-    if (change > 0.5F * own[i]) {
-      scale = std::min(scale, 0.5F * own[i] / change);
+  if (AnyGreater(Absolute(step), most)) {
+    for (int i = 0; i < 4; ++i) {
+      const float change = std::abs(step[i]);
+      scale = change > most[i] ? std::min(scale, most[i] / change) : scale;
     }
   }
   return own + scale * step;
 }
 
-/// What is missing for the interpolant to have the pixel's own mean over the pixel, by one step
-/// towards the inverse: the mean of an interpolant of means is 3/4 of its own and 1/8 of each
-/// neighbour's, on either axis.
-class MeanDefect {
+/// The step that brings the interpolant's mean over a pixel towards the pixel's own. On either axis
+/// the mean of an interpolant of means is 3/4 of its own and 1/8 of each neighbour's (bilinear), or
+/// 2/3 and 1/6 (quadratic B-spline), whose longer step makes up for its stronger blur.
+class MeanStep {
  public:
-  MeanDefect(const FrameLevel& level, const SmoothLevel& smooth) : level_(level), smooth_(smooth) {}
+  MeanStep(const FrameLevel& level, const SmoothLevel& smooth)
+      : level_(level),
+        smooth_(smooth),
+        other_(smooth.basis == Basis::kBspline ? 1.0F / 6 : 1.0F / 8),
+        own_(1 - 2 * other_),
+        length_(smooth.basis == Basis::kBspline ? 1.5F : 1.0F) {}
 
   [[nodiscard]] RgbaVector At(int64_t u, int64_t v) const {
-    return SeesAllAlike(u, v) ? Whole(smooth_.Index(u, v)) : Partial(u, v);
+    return length_ * (SeesAllAlike(u, v) ? Whole(smooth_.Index(u, v)) : Partial(u, v));
   }
 
  private:
-  static constexpr float kOwn = 0.75F;
-  static constexpr float kOther = 0.125F;
-
   /// Whether all neighbours count.
   [[nodiscard]] bool SeesAllAlike(int64_t u, int64_t v) const {
     const Rect& rect = level_.rect;
@@ -154,14 +165,14 @@ class MeanDefect {
     const auto stride = static_cast<size_t>(smooth_.stride);
     const auto line = [this](size_t middle) {
       const Rgba* p = &smooth_.values[middle];
-      return kOwn * Load(p[0]) + kOther * (Load(p[-1]) + Load(p[1]));
+      return own_ * Load(p[0]) + other_ * (Load(p[-1]) + Load(p[1]));
     };
     return Load(smooth_.values[at]) -
-           (kOwn * line(at) + kOther * (line(at - stride) + line(at + stride)));
+           (own_ * line(at) + other_ * (line(at - stride) + line(at + stride)));
   }
 
   [[nodiscard]] RgbaVector Partial(int64_t u, int64_t v) const {
-    constexpr float kShare[3] = {kOther, kOwn, kOther};
+    const float share[3] = {other_, own_, other_};
     const RgbaVector own = Load(smooth_.values[smooth_.Index(u, v)]);
     const bool crosses = level_.crossing.Contains(u, v);
     RgbaVector defect = {};
@@ -172,7 +183,7 @@ class MeanDefect {
       if (level_.rect.Contains(nu, nv) && smooth_.presence[smooth_.Index(nu, nv)] != 0 &&
           (!crosses || level_.crossing.Contains(nu, nv))) {
         defect +=
-            kShare[tap % 3] * kShare[tap / 3] * (own - Load(smooth_.values[smooth_.Index(nu, nv)]));
+            share[tap % 3] * share[tap / 3] * (own - Load(smooth_.values[smooth_.Index(nu, nv)]));
       }
     }
     return defect;
@@ -180,67 +191,80 @@ class MeanDefect {
 
   const FrameLevel& level_;
   const SmoothLevel& smooth_;
+  float other_, own_, length_;
 };
 
 /// Values whose interpolant nearly keeps each pixel's mean, times their weights. Pixels one voxel
 /// wide stay as they are.
 void WeightedRow(const FrameLevel& level, int64_t v, SmoothLevel* smooth) {
-  const MeanDefect defect(level, *smooth);
+  const MeanStep step(level, *smooth);
   for (int64_t u = level.rect.u0; u < level.rect.u1; ++u) {
     const size_t at = smooth->Index(u, v);
     RgbaVector value = Load(smooth->values[at]);
     if (level.width > 1 && smooth->presence[at] != 0) {
-      value = Sharpened(value, defect.At(u, v));
+      value = Sharpened(value, step.At(u, v));
     }
     Store(0.5F * static_cast<float>(smooth->halves[at]) * value, &smooth->weighted[at]);
   }
 }
 
-/// Row number `row`, counted from the first of the border.
-void ClassifyCells(int64_t row, SmoothLevel* smooth) {
+void ClassifyRow(int64_t v, SmoothLevel* smooth) {
+  constexpr int64_t kBorder = SmoothLevel::kBorder;
   const auto stride = static_cast<size_t>(smooth->stride);
-  const uint8_t* halves = &smooth->halves[static_cast<size_t>(row) * stride];
-  CellKind* cells = &smooth->cells[static_cast<size_t>(row) * stride];
-  for (size_t i = 0; i + 1 < stride; ++i) {
-    const int sum = halves[i] + halves[i + 1] + halves[i + stride] + halves[i + stride + 1];
-    cells[i] = sum == 0 ? CellKind::kNone : sum == 8 ? CellKind::kFull : CellKind::kMixed;
+  const size_t at = smooth->Index(smooth->rect.u0 - kBorder, v);
+  const uint8_t* halves = &smooth->halves[at];
+  CellKind* cells = &smooth->cells[at];
+  if (smooth->basis == Basis::kBilinear) {
+    for (size_t i = 0; i + 1 < stride; ++i) {
+      const int sum = halves[i] + halves[i + 1] + halves[i + stride] + halves[i + stride + 1];
+      cells[i] = sum == 0 ? CellKind::kNone : sum == 8 ? CellKind::kFull : CellKind::kMixed;
+    }
+    return;
+  }
+  for (size_t i = 1; i + 1 < stride; ++i) {
+    int sum = 0;
+    for (const uint8_t* line : {halves + i - stride, halves + i, halves + i + stride}) {
+      sum += line[-1] + line[0] + line[1];
+    }
+    cells[i] = sum == 0 ? CellKind::kNone : sum == 18 ? CellKind::kFull : CellKind::kMixed;
   }
 }
 
 void SmoothOne(const FrameLevel& level, const FrameLevel* finer, const SmoothLevel* finer_smooth,
                int threads, SmoothLevel* smooth) {
-  TakeShape(level, smooth);
+  const Rect& rect = level.rect;
   const auto each_row = [&](int64_t begin, int64_t end, const auto& work) {
     const auto rows = [&work](int64_t first, int64_t last) {
       for (int64_t v = first; v < last; ++v) {
         work(v);
       }
     };
-    ParallelFor(begin, end, RowsInPiece(level.rect), threads, std::ref(rows));
+    ParallelFor(begin, end, RowsInPiece(rect), threads, std::ref(rows));
   };
-  const Rect& rect = level.rect;
   each_row(rect.v0, rect.v1, [&](int64_t v) { FillRow(level, finer, finer_smooth, v, smooth); });
-  ForBorder(level, *smooth, [smooth](size_t to, int64_t from) {
-    smooth->presence[to] = from < 0 ? 0 : smooth->presence[from];
-  });
+  ExtendColumns(*smooth, level.void_v0, level.void_v1, &smooth->presence);
+  // Beyond the volume, pixels one voxel wide end in transparency.
+  const bool wide = level.width > 1;
   each_row(rect.v0, rect.v1, [&](int64_t v) {
     WeighRow(v, smooth);
+    ExtendRow(*smooth, v, level.void_u0, level.void_u1, &smooth->halves);
     WeightedRow(level, v, smooth);
+    ExtendRow(*smooth, v, wide && level.void_u0, wide && level.void_u1, &smooth->weighted);
   });
-  ForBorder(level, *smooth, [smooth](size_t to, int64_t from) {
-    smooth->halves[to] = from < 0 ? 0 : smooth->halves[from];
-    smooth->weighted[to] = from < 0 || smooth->width == 1 ? Rgba{} : smooth->weighted[from];
-  });
-  constexpr int64_t kBorders = 2 * SmoothLevel::kBorder;
-  each_row(0, rect.Height() + kBorders - 1, [smooth](int64_t row) { ClassifyCells(row, smooth); });
+  ExtendColumns(*smooth, level.void_v0, level.void_v1, &smooth->halves);
+  ExtendColumns(*smooth, wide && level.void_v0, wide && level.void_v1, &smooth->weighted);
+  constexpr int64_t kReach = SmoothLevel::kBorder - 1;
+  each_row(rect.v0 - kReach, rect.v1 + kReach, [smooth](int64_t v) { ClassifyRow(v, smooth); });
 }
 
 }  // namespace
 
-void Smooth(const std::vector<FrameLevel>& frame, int threads, std::vector<SmoothLevel>* levels) {
+void Smooth(const std::vector<FrameLevel>& frame, Basis basis, int threads,
+            std::vector<SmoothLevel>* levels) {
   levels->resize(frame.size());
   for (size_t l = frame.size(); l-- > 0;) {
     const bool has_finer = l + 1 < frame.size();
+    TakeShape(frame[l], basis, &(*levels)[l]);
     SmoothOne(frame[l], has_finer ? &frame[l + 1] : nullptr,
               has_finer ? &(*levels)[l + 1] : nullptr, threads, &(*levels)[l]);
   }

@@ -7,7 +7,7 @@
 
 namespace fovea::render {
 
-/// How much of a bilinear cell (four neighbouring pixels) is the level's own.
+/// How much of what interpolation between some pixels sees is the level's own.
 enum class CellKind : uint8_t { kNone, kMixed, kFull };
 
 /// One level of the foveated image, ready to be interpolated: each pixel's value times its weight,
@@ -21,12 +21,15 @@ struct SmoothLevel {
 
   int64_t width = 1;
   Rect rect;
+  Basis basis = Basis::kBilinear;
   int64_t stride = 0;             // of rows
   std::vector<Rgba> values;       // of rect only: leaves, and means of split pixels' children
   std::vector<uint8_t> presence;  // 1 where the level has the pixel
   std::vector<Rgba> weighted;
   std::vector<uint8_t> halves;  // the weight times 2
-  std::vector<CellKind> cells;  // of the pixel, and those after it in u, v and both
+  /// kBilinear: of four pixels, this one and those after it in u, v and both. kBspline: of nine,
+  /// this one in their middle.
+  std::vector<CellKind> cells;
 
   /// Of a pixel of rect or its border.
   [[nodiscard]] size_t Index(int64_t u, int64_t v) const {
@@ -37,9 +40,11 @@ struct SmoothLevel {
 /// Space-variant smoothing, Yu et al., section 5: the foveated image rebuilt with a smooth basis
 /// instead of Haar's boxes. At a point p the value is, from coarse to fine,
 ///   v_l(p) = (1 - w_l(p)) v_{l-1}(p) + (w a)_l(p),
-/// w_l and (w a)_l the bilinear interpolants of level l. Thick pixels are smoothed over their own
-/// width; where the finest level has all four taps the value is that level's alone.
-void Smooth(const std::vector<FrameLevel>& frame, int threads, std::vector<SmoothLevel>* levels);
+/// w_l and (w a)_l the interpolants of level l in the basis; pixels one voxel wide always take the
+/// bilinear one, full resolution's. Thick pixels are smoothed over their own width; where the
+/// finest level has all taps the value is that level's alone.
+void Smooth(const std::vector<FrameLevel>& frame, Basis basis, int threads,
+            std::vector<SmoothLevel>* levels);
 
 }  // namespace fovea::render
 

@@ -5,6 +5,7 @@
 
 #include "engine/base/parallel.h"
 #include "engine/render/rgba_vector.h"
+#include "engine/render/smooth_sample.h"
 #include "engine/render/warp_line.h"
 
 namespace fovea::render {
@@ -60,10 +61,6 @@ void Clear(const Columns& columns, float* row) {
   std::fill(row + 4 * columns.begin, row + 4 * columns.end, 0.0F);
 }
 
-RgbaVector Bilinear(const Rgba* row0, const Rgba* row1, float fu, float fv) {
-  return Mix(Mix(Load(row0[0]), Load(row0[1]), fu), Mix(Load(row1[0]), Load(row1[1]), fu), fv);
-}
-
 /// How much of a point lies within reach of the sheet's pixels, which end between pixel centres:
 /// 1 inside, falling to 0 over the voxel around its edge.
 float CoverOf(const Rect& sheet, double at_u, double at_v) {
@@ -74,20 +71,46 @@ float CoverOf(const Rect& sheet, double at_u, double at_v) {
   return static_cast<float>(std::clamp(u + 0.5, 0.0, 1.0) * std::clamp(v + 0.5, 0.0, 1.0));
 }
 
+/// One level of the smoothed picture along a row.
+class SmoothLine {
+ public:
+  SmoothLine() = default;
+  SmoothLine(const SmoothLevel& level, const SheetLine& line, const Columns& columns)
+      : level_(&level) {
+    const double border = SmoothLevel::kBorder;
+    const double to_tap = TapOrigin(level.basis) - border;
+    line_ = FixedLine(line, columns.begin, static_cast<double>(level.width),
+                      static_cast<double>(level.rect.u0) + to_tap,
+                      static_cast<double>(level.rect.v0) + to_tap);
+  }
+
+  [[nodiscard]] bool IsVoxelWide() const { return level_->width == 1; }
+
+  /// The level's weighted value at a column, and its weight. Whether it has any.
+  bool Sample(int64_t column, RgbaVector* weighted, float* weight) const {
+    const FixedLine::Point p = line_.At(column);
+    return SmoothSampler(*level_).At(static_cast<size_t>(p.v * level_->stride + p.u), p.fu, p.fv,
+                                     weighted, weight);
+  }
+
+ private:
+  const SmoothLevel* level_ = nullptr;
+  FixedLine line_;
+};
+
 /// One row of the smoothed picture.
 class SmoothRow {
  public:
   SmoothRow(const std::vector<SmoothLevel>& levels, const Rect& sheet, const SheetLine& line)
-      : levels_(levels.data()), sheet_(sheet), line_(line) {
-    constexpr int64_t kBorder = SmoothLevel::kBorder;
+      : sheet_(sheet), line_(line) {
     const Columns drawn = line.Within(sheet, 1, 0.5);
     for (const SmoothLevel& level : levels) {
-      // Bilinear interpolation reaches half a pixel beyond a level's edge.
+      // How far a level has weight beyond its edge.
       const auto width = static_cast<double>(level.width);
-      const Columns columns = Intersect(drawn, line.Within(level.rect, width, width / 2));
-      lines_[count_] =
-          FixedLine(line, columns.begin, width, level.rect.u0 - kBorder, level.rect.v0 - kBorder);
-      columns_[count_++] = columns;
+      const double reach = level.basis == Basis::kBilinear ? width / 2 : width;
+      columns_[count_] = Intersect(drawn, line.Within(level.rect, width, reach));
+      lines_[count_] = SmoothLine(level, line, columns_[count_]);
+      ++count_;
     }
   }
 
@@ -115,37 +138,22 @@ class SmoothRow {
       RgbaVector value = {};
       float left = 1;
       for (int l = segment.finest; l >= 0 && left > 1e-6F; --l) {
-        const SmoothLevel& level = levels_[l];
-        const FixedLine::Point p = lines_[l].At(i);
-        const auto at = static_cast<size_t>(p.v * level.stride + p.u);
-        const CellKind cell = level.cells[at];
-        if (cell == CellKind::kNone) {
-          continue;
+        RgbaVector weighted;
+        float weight;
+        if (lines_[l].Sample(i, &weighted, &weight)) {
+          // Between pixels one voxel wide the sheet's edge fades by itself.
+          value += (!kEdge || lines_[l].IsVoxelWide() ? left : left * cover) * weighted;
+          left *= 1 - weight;
         }
-        const RgbaVector own =
-            Bilinear(&level.weighted[at], &level.weighted[at + level.stride], p.fu, p.fv);
-        // Between pixels one voxel wide the sheet's edge fades by itself.
-        value += (!kEdge || level.width == 1 ? left : left * cover) * own;
-        left *= cell == CellKind::kFull ? 0 : 1 - WeightAt(level, at, p);
       }
       Store(value, row + 4 * i);
     }
   }
 
-  static float WeightAt(const SmoothLevel& level, size_t at, const FixedLine::Point& p) {
-    const auto weigh = [&](size_t tap) {
-      const auto first = static_cast<float>(level.halves[tap]);
-      return first + p.fu * (static_cast<float>(level.halves[tap + 1]) - first);
-    };
-    const float near = weigh(at);
-    return 0.5F * (near + p.fv * (weigh(at + level.stride) - near));
-  }
-
-  const SmoothLevel* levels_;
   const Rect& sheet_;
   const SheetLine& line_;
   std::array<Columns, kMostFrameLevels> columns_;
-  std::array<FixedLine, kMostFrameLevels> lines_;
+  std::array<SmoothLine, kMostFrameLevels> lines_;
   int count_ = 0;
 };
 
@@ -162,7 +170,8 @@ class LeafRow {
     while ((int64_t{1} << coarsest_width_log2_) < levels.front().width) {
       ++coarsest_width_log2_;
     }
-    voxels_ = FixedLine(line, columns_[0].begin, 1, sheet.u0, sheet.v0);
+    voxels_ = FixedLine(line, columns_[0].begin, 1, static_cast<double>(sheet.u0) + 0.5,
+                        static_cast<double>(sheet.v0) + 0.5);
   }
 
   void Draw(float* row) const {
@@ -171,16 +180,28 @@ class LeafRow {
         Clear(segment.columns, row);
         return;
       }
-      for (int64_t i = segment.columns.begin; i < segment.columns.end; ++i) {
-        const FixedLine::Point p = voxels_.At(i);
-        Store(Between(p.u + sheet_.u0, p.v + sheet_.v0, p, segment.finest), row + 4 * i);
-      }
+      DrawSegment(segment, row);
     });
   }
 
  private:
-  [[nodiscard]] RgbaVector Between(int64_t u, int64_t v, const FixedLine::Point& p,
-                                   int finest) const {
+  void DrawSegment(const Segment& segment, float* row) const {
+    RgbaVector taps[4] = {};
+    int64_t last_u = 0;
+    int64_t last_v = 0;
+    for (int64_t i = segment.columns.begin; i < segment.columns.end; ++i) {
+      const FixedLine::Point p = voxels_.At(i);
+      // Several pixels of the picture often lie between the same four.
+      if (i == segment.columns.begin || p.u != last_u || p.v != last_v) {
+        last_u = p.u;
+        last_v = p.v;
+        FindTaps(p.u + sheet_.u0, p.v + sheet_.v0, segment.finest, taps);
+      }
+      Store(Mix(Mix(taps[0], taps[1], p.fu), Mix(taps[2], taps[3], p.fu), p.fv), row + 4 * i);
+    }
+  }
+
+  void FindTaps(int64_t u, int64_t v, int finest, RgbaVector* taps) const {
     const FrameLevel& level = levels_[finest];
     if (level.width == 1 && level.rect.Contains(u, v) && level.rect.Contains(u + 1, v + 1)) {
       const size_t at = level.Index(u, v);
@@ -188,11 +209,16 @@ class LeafRow {
       const int64_t below = level.rect.Width();
       if (kinds[0] == PixelKind::kLeaf && kinds[1] == PixelKind::kLeaf &&
           kinds[below] == PixelKind::kLeaf && kinds[below + 1] == PixelKind::kLeaf) {
-        return Bilinear(&level.values[at], &level.values[at + below], p.fu, p.fv);
+        taps[0] = Load(level.values[at]);
+        taps[1] = Load(level.values[at + 1]);
+        taps[2] = Load(level.values[at + below]);
+        taps[3] = Load(level.values[at + below + 1]);
+        return;
       }
     }
-    return Mix(Mix(LeafAt(u, v, finest), LeafAt(u + 1, v, finest), p.fu),
-               Mix(LeafAt(u, v + 1, finest), LeafAt(u + 1, v + 1, finest), p.fu), p.fv);
+    for (int tap = 0; tap < 4; ++tap) {
+      taps[tap] = LeafAt(u + (tap & 1), v + (tap >> 1), finest);
+    }
   }
 
   /// The value of the leaf that the voxel-wide pixel (u, v) lies in.

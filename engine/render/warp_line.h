@@ -60,24 +60,22 @@ struct SheetLine {
   }
 };
 
-/// Where the columns of a line lie between the pixel centres of a level, in fixed-point numbers of
-/// 32 binary places: taps and their weights cost a shift, and no error builds up along the row.
+/// Where the columns of a line lie among a level's pixels, in fixed-point numbers of 32 binary
+/// places: a tap and its weight cost a shift, and no error builds up along the row.
 class FixedLine {
  public:
-  /// The taps are at (u, v) to (u + 1, v + 1), counted from `origin`; the second ones weigh fu, fv.
+  /// Whole pixels from the origin, and the rest.
   struct Point {
     int64_t u, v;
     float fu, fv;
   };
 
   FixedLine() = default;
-  /// Pixels `pixel` voxels wide; `origin` is a pixel. For columns from `first` on that lie within
-  /// 2^30 pixels of it.
-  FixedLine(const SheetLine& line, int64_t first, double pixel, int64_t origin_u, int64_t origin_v)
-      : x_(Fixed((line.u + line.du * static_cast<double>(first)) / pixel -
-                 (static_cast<double>(origin_u) + 0.5))),
-        y_(Fixed((line.v + line.dv * static_cast<double>(first)) / pixel -
-                 (static_cast<double>(origin_v) + 0.5))),
+  /// In pixels `pixel` voxels wide, from (origin_u, origin_v), also in pixels, on. For columns from
+  /// `first` on that lie within 2^30 pixels of it.
+  FixedLine(const SheetLine& line, int64_t first, double pixel, double origin_u, double origin_v)
+      : x_(Fixed((line.u + line.du * static_cast<double>(first)) / pixel - origin_u)),
+        y_(Fixed((line.v + line.dv * static_cast<double>(first)) / pixel - origin_v)),
         dx_(Fixed(line.du / pixel)),
         dy_(Fixed(line.dv / pixel)),
         first_(first) {}

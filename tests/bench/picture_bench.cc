@@ -1,5 +1,6 @@
 // What a picture costs after the thick rays, one thread unless said, in one run:
 //   picture_bench [--raw FILE NX NY NZ] [--pixels SIDE] [--rate R] [--rounds N] [--threads T]
+//   [--bspline]
 // Without --raw, on a procedural volume of 256^3 voxels. Medians of the rounds, in milliseconds and
 // nanoseconds a pixel of the picture, and as multiples of setting as much memory.
 #include <algorithm>
@@ -31,6 +32,7 @@ struct Options {
   double rate = 40;
   int rounds = 15;
   int threads = 1;
+  render::Basis basis = render::Basis::kBilinear;
 };
 
 Grid LoadRaw(const Options& options) {
@@ -112,18 +114,19 @@ void Run(const Options& options) {
     t.Time("memset", [&] { std::memset(image.rgba.data(), round, size); });
     t.Time("combine",
            [&] { render::Combine(true, options.threads, &layers, &scratch.combine, &levels); });
-    t.Time("smooth", [&] { Smooth(frame.levels, options.threads, &scratch.expand.levels); });
+    t.Time("smooth",
+           [&] { Smooth(frame.levels, options.basis, options.threads, &scratch.expand.levels); });
     t.Time("warp", [&] {
       WarpSmooth(scratch.expand.levels, frame.sheet, frame.warp, options.threads, &image);
     });
     t.Time("smooth and warp", [&] {
-      Expand(frame, options.pixels, options.pixels, settings.smoothing, options.threads,
-             &scratch.expand, &image);
+      Expand(frame, options.pixels, options.pixels, settings.smoothing, options.basis,
+             options.threads, &scratch.expand, &image);
     });
     t.Time("sRGB bytes", [&] { bytes = ToSrgb8(image, {}); });
     t.Time("warp, unsmoothed", [&] {
-      Expand(frame, options.pixels, options.pixels, render::Smoothing::kNone, options.threads,
-             &scratch.expand, &image);
+      Expand(frame, options.pixels, options.pixels, render::Smoothing::kNone, options.basis,
+             options.threads, &scratch.expand, &image);
     });
   }
   size_t frame_pixels = 0;
@@ -148,6 +151,8 @@ int main(int argc, char** argv) {
       options.raw = argv[i + 1];
       options.dims = {whole(i + 2), whole(i + 3), whole(i + 4)};
       i += 4;
+    } else if (flag == "--bspline") {
+      options.basis = fovea::render::Basis::kBspline;
     } else if (flag == "--pixels") {
       options.pixels = static_cast<int>(whole(++i));
     } else if (flag == "--rate") {

@@ -18,6 +18,7 @@
 #include "engine/render/expand.h"
 #include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
+#include "tests/support/allocations.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/volumes.h"
 
@@ -97,12 +98,13 @@ TEST(FoveatedFrameTest, ExpandsToTheSameBitsFromItsLeafPixelsAlone) {
   RenderSettings settings = ObliqueSettings();
   for (const Smoothing smoothing : kAllSmoothings) {
     settings.smoothing = smoothing;
+    settings.basis = smoothing == Smoothing::kImage ? Basis::kBspline : Basis::kBilinear;
     ASSERT_OK_AND_ASSIGN(const Image image, RenderFoveated(volume, Matrix4{}, settings));
     ASSERT_OK_AND_ASSIGN(const FoveatedFrame frame, RenderFrame(volume, Matrix4{}, settings));
     EXPECT_OK(Validate(frame));
     ASSERT_GT(*std::max_element(image.rgba.begin(), image.rgba.end()), 0.1F);
-    EXPECT_TRUE(
-        HasSameBits(image, Expand(Received(frame), image.width, image.height, smoothing, 1)));
+    EXPECT_TRUE(HasSameBits(
+        image, Expand(Received(frame), image.width, image.height, smoothing, settings.basis, 1)));
   }
 }
 
@@ -114,7 +116,9 @@ TEST(FoveatedFrameTest, ExpandsToTheSameViewAtAnotherSize) {
     settings.width_px = width;
     settings.height_px = height;
     ASSERT_OK_AND_ASSIGN(const Image image, RenderFoveated(volume, Matrix4{}, settings));
-    EXPECT_LT(LargestDifference(Expand(frame, width, height, settings.smoothing, 1), image), 1e-5);
+    EXPECT_LT(LargestDifference(Expand(frame, width, height, settings.smoothing, settings.basis, 1),
+                                image),
+              1e-5);
   }
 }
 
@@ -157,6 +161,73 @@ TEST(FoveatedFrameTest, BuffersMayServeAnyFrameAfterAnyOther) {
     ASSERT_OK_AND_ASSIGN(const Image fresh, RenderFoveated(volume, Matrix4{}, settings));
     ASSERT_OK(RenderFoveated(volume, Matrix4{}, settings, &scratch, &image));
     EXPECT_TRUE(HasSameBits(fresh, image)) << "frame " << i;
+  }
+}
+
+TEST(FoveatedFrameTest, WithItsBuffersExpandingAllocatesNothing) {
+  const SuperVoxels volume = OddSuperVoxels();
+  const RenderSettings settings = ObliqueSettings();
+  FrameScratch scratch;
+  Image image;
+  ASSERT_OK(RenderFrame(volume, Matrix4{}, settings, &scratch));
+  std::vector<FrameLevel> levels;
+  for (int round = 0; round < 3; ++round) {
+    const size_t before = testing::AllocationCount();
+    Combine(true, 1, &scratch.trace.layers, &scratch.combine, &levels);
+    for (const Smoothing smoothing : kAllSmoothings) {
+      Expand(scratch.frame, 143, 101, smoothing, Basis::kBspline, 1, &scratch.expand, &image);
+    }
+    const size_t made = testing::AllocationCount() - before;
+    EXPECT_EQ(made > 0, round == 0) << made << " in round " << round;
+  }
+}
+
+/// One level of leaves two voxels wide, seen from straight ahead, a picture's pixel a voxel.
+FoveatedFrame FrameOf(const std::function<float(int64_t u, int64_t v)>& value) {
+  FoveatedFrame frame;
+  frame.sheet = {0, 40, 0, 40};
+  frame.width_px = frame.height_px = 40;
+  frame.warp = {1, 0, 0.5, 0, 1, 0.5};
+  for (const int64_t width : {2, 1}) {  // of the finest level there are no pixels
+    FrameLevel& level = frame.levels.emplace_back();
+    level.width = width;
+    level.rect = width == 2 ? Rect{0, 20, 0, 20} : Rect{10, 12, 10, 12};
+    level.void_u0 = level.void_u1 = level.void_v0 = level.void_v1 = width == 2;
+    level.crossing = level.rect;
+    const auto pixels = static_cast<size_t>(level.rect.Width() * level.rect.Height());
+    level.kinds.assign(pixels, width == 2 ? PixelKind::kLeaf : PixelKind::kAbsent);
+    level.values.resize(pixels);
+  }
+  FrameLevel& level = frame.levels.front();
+  for (int64_t v = 0; v < 20; ++v) {
+    for (int64_t u = 0; u < 20; ++u) {
+      const float x = value(u, v);
+      level.values[level.Index(u, v)] = {x, x, x, 1};
+    }
+  }
+  return frame;
+}
+
+TEST(FoveatedFrameTest, BothBasesKeepSlopesAndSums) {
+  const FoveatedFrame slope = FrameOf([](int64_t u, int64_t v) {
+    return 0.1F + 0.01F * static_cast<float>(u) + 0.02F * static_cast<float>(v);
+  });
+  const FoveatedFrame spot =
+      FrameOf([](int64_t u, int64_t v) { return u == 9 && v == 8 ? 0.625F : 0.5F; });
+  for (const Basis basis : {Basis::kBilinear, Basis::kBspline}) {
+    const Image image = Expand(slope, 40, 40, Smoothing::kImage, basis, 1);
+    const Image spotted = Expand(spot, 40, 40, Smoothing::kImage, basis, 1);
+    double sum = 0;
+    for (int j = 4; j < 36; ++j) {
+      for (int i = 4; i < 36; ++i) {
+        const size_t at = 4 * (40 * static_cast<size_t>(j) + static_cast<size_t>(i));
+        // Pixel u has its centre at 2 u + 1.
+        EXPECT_NEAR(image.rgba[at], 0.1 + 0.01 * (i - 0.5) / 2 + 0.02 * (j - 0.5) / 2, 1e-6);
+        EXPECT_NEAR(spotted.rgba[at + 3], 1, 1e-6);
+        sum += spotted.rgba[at] - 0.5;
+      }
+    }
+    EXPECT_NEAR(sum, 4 * 0.125, 1e-5);
   }
 }
 

@@ -1,5 +1,7 @@
 #include "engine/render/view.h"
 
+#include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -133,6 +135,40 @@ TEST(ImageTest, SrgbBytesRoundToNearestForEveryByte) {
   for (int b = 0; b < 256; ++b) {
     EXPECT_EQ(bytes[4 * b], b);
     EXPECT_EQ(bytes[4 * b + 3], 255);
+  }
+}
+
+/// The byte of a linear value, straight from the definition of sRGB.
+int SrgbByteByFormula(float linear) {
+  const double x = std::clamp(static_cast<double>(linear), 0.0, 1.0);
+  const double srgb = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
+  return static_cast<int>(std::floor(255 * srgb + 0.5));
+}
+
+TEST(ImageTest, SrgbBytesFollowTheFormulaAtEveryThresholdAndBetween) {
+  std::vector<float> values;
+  const auto one = std::bit_cast<uint32_t>(1.0F);
+  for (uint32_t bits = 0; bits <= one; bits += 9973) {
+    values.push_back(std::bit_cast<float>(bits));
+  }
+  for (int b = 1; b < 256; ++b) {
+    uint32_t below = 0;  // the last float of a smaller byte, by bisection
+    uint32_t from = one;
+    while (from - below > 1) {
+      const uint32_t middle = below + (from - below) / 2;
+      (SrgbByteByFormula(std::bit_cast<float>(middle)) < b ? below : from) = middle;
+    }
+    for (int64_t bits = int64_t{below} - 2; bits <= int64_t{from} + 2; ++bits) {
+      values.push_back(std::bit_cast<float>(static_cast<uint32_t>(bits)));
+    }
+  }
+  Image image{static_cast<int>(values.size()), 1, {}};
+  for (const float value : values) {
+    image.rgba.insert(image.rgba.end(), {value, value, 1, 1});
+  }
+  const std::vector<uint8_t> bytes = ToSrgb8(image, {});
+  for (size_t i = 0; i < values.size(); ++i) {
+    ASSERT_EQ(bytes[4 * i], SrgbByteByFormula(values[i])) << "of " << values[i];
   }
 }
 
