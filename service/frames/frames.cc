@@ -25,11 +25,14 @@ render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
   return settings;
 }
 
-/// Refuses what this machine could not hold anyway, before anything is read. Measured: 9 bytes a
-/// coefficient, 26 a pixel.
-Status CheckMemory(const RetainedSet& retained, const FrameSpec& resolved) {
-  const double need = 10.0 * static_cast<double>(retained.CoefficientCount()) +
-                      28.0 * static_cast<double>(*resolved.width_px * *resolved.height_px);
+/// Refuses what this machine could not hold anyway, before anything is read.
+Status CheckMemory(const store::DatasetInfo& info, const RetainedSet& retained,
+                   const FrameSpec& resolved) {
+  // An encoder holds the picture's bytes, and its own.
+  constexpr double kEncodedBytesPerPixel = 12;
+  const double need =
+      static_cast<double>(CountFrame(info, retained, resolved).memory_bytes) +
+      kEncodedBytesPerPixel * static_cast<double>(*resolved.width_px * *resolved.height_px);
   const double have =
       static_cast<double>(::sysconf(_SC_PHYS_PAGES)) * static_cast<double>(::sysconf(_SC_PAGESIZE));
   if (need > have) {
@@ -57,6 +60,15 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
 
 }  // namespace
 
+render::FrameCounts CountFrame(const store::DatasetInfo& info, const RetainedSet& retained,
+                               const FrameSpec& resolved) {
+  const render::RenderSettings settings = SettingsOf(resolved, 1);
+  const render::ShearView view =
+      render::FactorView(settings.view, info.hierarchy.dims(), info.index_to_world,
+                         settings.width_px, settings.height_px);
+  return render::CountFrame(retained, view, settings.width_px, settings.height_px);
+}
+
 StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
                             const FrameSpec& resolved, int threads) {
   const store::DatasetInfo info = dataset.info();
@@ -73,7 +85,7 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
                        resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
-  FOVEA_RETURN_IF_ERROR(CheckMemory(retained, resolved));
+  FOVEA_RETURN_IF_ERROR(CheckMemory(info, retained, resolved));
 
   ReconstructStats reconstruct_stats;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "engine/base/status.h"
+#include "engine/render/plan.h"
 #include "engine/store/dataset.h"
 #include "service/frames/spec.h"
 
@@ -30,6 +31,11 @@ namespace fovea::frames {
 /// RESOURCE_EXHAUSTED for what the machine's memory could not hold.
 [[nodiscard]] StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name,
                                           int64_t step, const FrameSpec& resolved, int threads);
+
+/// What the frame of `resolved` counts and holds in memory while it is rendered.
+[[nodiscard]] render::FrameCounts CountFrame(const store::DatasetInfo& info,
+                                             const RetainedSet& retained,
+                                             const FrameSpec& resolved);
 
 /// The step a time falls on: the last one not after it. OUT_OF_RANGE before the first.
 [[nodiscard]] StatusOr<int64_t> StepAtTime(store::Dataset& dataset, int64_t time_ns);
