@@ -102,12 +102,12 @@ double RetainedSet::Term(int level, int axis, int64_t p) const {
   }
   const double centre = fovea_.at[axis] / static_cast<double>(hierarchy_.WidthAt(level));
   const double offset = static_cast<double>(p) + 0.5 - centre;
-  const double width = RoundedRate(fovea_, axis);
   if (sphere) {
     // A ball of one coefficient would not nest: the parent's centre may lie outside.
-    const double distance = offset / (std::max(width, 2.0) / 2);
+    const double distance = offset / (std::max(fovea_.rate[axis], 2.0) / 2);
     return distance * distance;
   }
+  const double width = RoundedRate(fovea_, axis);
   // Centres lie at most width/2 away: half a coefficient farther out the weight would be 0.
   return RaisedCosine(std::abs(offset) / ((width + 1) / 2));
 }

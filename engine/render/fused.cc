@@ -87,6 +87,7 @@ class SliceStack {
         std::min(window.hi[axis_], (last + kDetailLayer - 1) / kDetailLayer * kDetailLayer);
     detail.values.resize(static_cast<size_t>(7 * detail.box.Volume()));
     FOVEA_RETURN_IF_ERROR(source_.ReadDetail(level, detail.box, detail.values));
+    retained_.Weigh(level, detail.box, detail.values);
     stats->read_ms += watch.ElapsedMs();
     return absl::OkStatus();
   }

@@ -16,6 +16,7 @@
 #include "engine/store/codec.h"
 #include "engine/store/file.h"
 #include "engine/store/layout.h"
+#include "engine/store/read_quote.h"
 
 // A window read: (1) which chunks meet the window; (2) the tables chunk_max_W say which of them
 // are zero, and which must be there; (3) the indices of their shards say where they lie; (4) runs
@@ -73,6 +74,8 @@ class StoredStep final : public StepSource {
   [[nodiscard]] Status ReadCoarse(std::span<float> out) override;
   [[nodiscard]] Status ReadDetail(int level, const Box3& window, std::span<float> out) override;
   [[nodiscard]] ReadStats read_stats() const override;
+  /// Counts as if the coarse level and the windows had been read, for read_stats.
+  [[nodiscard]] Status CountReads(const RetainedSet& retained);
 
  private:
   /// Blocks of the table that one window read has asked for; null: nothing is known of them.
@@ -85,10 +88,13 @@ class StoredStep final : public StepSource {
                                  std::vector<Run>* runs);
   [[nodiscard]] StatusOr<std::optional<ShardIndex>> ReadIndex(const Window& window,
                                                               const std::string& path);
+  /// Steps 1 to 3: which runs the window is read in.
+  [[nodiscard]] Status PlanRuns(const Window& window, std::vector<Run>* runs);
   [[nodiscard]] Status ReadRun(const Window& window, const Run& run);
   [[nodiscard]] Status ReadRuns(const Window& window, const std::vector<Run>& runs);
   /// One chunk cannot be had because of `why`: an error, or zeros and a count.
   [[nodiscard]] Status Damaged(const LevelLayout& layout, const Int3& chunk, const Status& why);
+  [[nodiscard]] std::string CoarseFile() const;
 
   const std::string path_;
   const DatasetInfo info_;
@@ -116,13 +122,17 @@ ReadStats StoredStep::read_stats() const {
   return stats;
 }
 
+std::string StoredStep::CoarseFile() const {
+  return fmt::format("{}/{}/{}", path_, CoarsePath(field_),
+                     SpaceChunkName(step_, {0, 0, 0}, /*with_bands=*/false));
+}
+
 Status StoredStep::ReadCoarse(std::span<float> out) {
   const auto values = static_cast<size_t>(info_.hierarchy.DimsAt(0).Product());
   if (out.size() != values) {
     return Internal("ReadCoarse into {} values, the coarse level has {}", out.size(), values);
   }
-  const std::string file = fmt::format("{}/{}/{}", path_, CoarsePath(field_),
-                                       SpaceChunkName(step_, {0, 0, 0}, /*with_bands=*/false));
+  const std::string file = CoarseFile();
   std::vector<std::byte> raw(values * static_cast<size_t>(BytesOfType(type_)));
   const StatusOr<int64_t> read = ReadChunkFile(file, raw);
   if (!read.ok()) {
@@ -254,10 +264,24 @@ void CopyIntoWindow(const Window& window, const Int3& chunk, std::span<const flo
   }
 }
 
-Status StoredStep::ReadRun(const Window& window, const Run& run) {
+Status StoredStep::PlanRuns(const Window& window, std::vector<Run>* runs) {
+  Shards shards;
+  FOVEA_RETURN_IF_ERROR(FindWanted(window, &shards));
+  for (auto& [position, wanted] : shards) {
+    FOVEA_RETURN_IF_ERROR(PlanShard(window, std::move(wanted), runs));
+  }
+  return absl::OkStatus();
+}
+
+/// The bytes that a run reads at once: its chunks and what lies between them.
+uint64_t RunBytes(const Run& run) {
   const ShardEntry& last = run.chunks.back().entry;
+  return last.offset + last.bytes - run.chunks.front().entry.offset;
+}
+
+Status StoredStep::ReadRun(const Window& window, const Run& run) {
   const uint64_t start = run.chunks.front().entry.offset;
-  std::vector<std::byte> bytes(last.offset + last.bytes - start);
+  std::vector<std::byte> bytes(RunBytes(run));
   StatusOr<ReadableFile> file = ReadableFile::Open(run.path);
   if (absl::IsNotFound(file.status())) {
     file = DataLoss("{} vanished while it was read", run.path);
@@ -312,16 +336,39 @@ Status StoredStep::ReadDetail(int level, const Box3& box, std::span<float> out) 
   }
   std::fill(out.begin(), out.end(), 0.0F);
   const Window window{layouts_[at], *tables_[at], box, out};
-  Shards shards;
-  FOVEA_RETURN_IF_ERROR(FindWanted(window, &shards));
   std::vector<Run> runs;
-  for (auto& [position, wanted] : shards) {
-    FOVEA_RETURN_IF_ERROR(PlanShard(window, std::move(wanted), &runs));
-  }
+  FOVEA_RETURN_IF_ERROR(PlanRuns(window, &runs));
   return ReadRuns(window, runs);
 }
 
+Status StoredStep::CountReads(const RetainedSet& retained) {
+  FOVEA_ASSIGN_OR_RETURN(const ReadableFile coarse, ReadableFile::Open(CoarseFile()));
+  bytes_read_ += static_cast<uint64_t>(coarse.size());
+  ++chunks_read_;
+  for (size_t level = 0; level < layouts_.size(); ++level) {
+    const Box3& box = retained.window(static_cast<int>(level));
+    if (box.IsEmpty()) {
+      continue;
+    }
+    std::vector<Run> runs;
+    FOVEA_RETURN_IF_ERROR(PlanRuns({layouts_[level], *tables_[level], box, {}}, &runs));
+    for (const Run& run : runs) {
+      bytes_read_ += RunBytes(run);
+      chunks_read_ += run.chunks.size();
+    }
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
+
+StatusOr<ReadStats> QuoteRead(Dataset& dataset, int64_t step, const std::string& field,
+                              OnDamage on_damage, const RetainedSet& retained) {
+  FOVEA_RETURN_IF_ERROR(dataset.OpenStep(step, field, on_damage).status());  // that they are there
+  StoredStep source(dataset.path(), dataset.info(), step, field, on_damage);
+  FOVEA_RETURN_IF_ERROR(source.CountReads(retained));
+  return source.read_stats();
+}
 
 std::unique_ptr<StepSource> MakeStepSource(const std::string& store_path, const DatasetInfo& info,
                                            int64_t step, const std::string& field,

@@ -11,6 +11,7 @@
 #include "engine/volume/geometry.h"
 #include "ingest/ingest.h"
 #include "service/cli/values.h"
+#include "service/frames/plan.h"
 #include "service/frames/spec.h"
 
 /// What each verb was asked to do, as plain values. parse.cc fills these from the command line.
@@ -68,6 +69,15 @@ struct ExtractCommand {
   std::string file;
 };
 
+struct PlanCommand {
+  OutputOptions output;
+  std::string dataset;
+  int64_t step = 0;
+  frames::FrameSpec spec;
+  frames::FrameBudget budget;  // anything in it: the largest rate within it
+  int threads = 0;
+};
+
 struct RenderCommand {
   OutputOptions output;
   PictureInput input;
@@ -105,7 +115,7 @@ struct DemoCommand {
 
 using Command =
     std::variant<IngestCommand, InfoCommand, StatsCommand, VerifyCommand, ExtractCommand,
-                 RenderCommand, ExportCommand, ServeCommand, DemoCommand>;
+                 PlanCommand, RenderCommand, ExportCommand, ServeCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -122,6 +132,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const StatsCommand& command);
 [[nodiscard]] Status Run(const VerifyCommand& command);
 [[nodiscard]] Status Run(const ExtractCommand& command);
+[[nodiscard]] Status Run(const PlanCommand& command);
 [[nodiscard]] Status Run(const RenderCommand& command);
 [[nodiscard]] Status Run(const ExportCommand& command);
 [[nodiscard]] Status Run(const ServeCommand& command);

@@ -20,6 +20,7 @@ struct Commands {
   StatsCommand stats;
   VerifyCommand verify;
   ExtractCommand extract;
+  PlanCommand plan;
   RenderCommand render;
   ExportCommand exporting;
   ServeCommand serve;
@@ -128,6 +129,35 @@ void AddExtract(CLI::App* app, ExtractCommand* command) {
   AddOutputFlags(verb, &command->output);
 }
 
+void AddPlan(CLI::App* app, PlanCommand* command) {
+  CLI::App* verb = AddVerb(
+      app, "plan", "What a picture will cost, or the largest rate that a budget allows",
+      "  fovea plan smoke.zarr --step 3 --fovea 19,19,20 --rate 40 --size 1024x1024\n"
+      "  fovea plan smoke.zarr --budget-ms 16 --json\n"
+      "  fovea plan smoke.zarr --budget-memory 64MiB --budget-bytes 2MiB\n"
+      "From metadata alone. Coefficients, samples, chunks and bytes are exact, memory is an upper\n"
+      "bound, milliseconds are a prediction. Of several budgets the tightest counts.");
+  AddDataset(verb, &command->dataset);
+  verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N");
+  verb->add_option("--budget-ms", command->budget.ms, "Milliseconds, without encoding")
+      ->check(CLI::PositiveNumber)
+      ->type_name("MS");
+  verb->add_option("--budget-memory", command->budget.memory_bytes, "Memory, such as 64MiB")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->type_name("BYTES");
+  verb->add_option("--budget-bytes", command->budget.bytes_read,
+                   "Read from the store, such as 2MiB")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->type_name("BYTES");
+  verb->add_option("--budget-coefficients", command->budget.coefficients, "m, such as 500000")
+      ->type_name("M");
+  AddPictureFlags(verb, &command->spec);
+  AddThreadsFlag(verb, &command->threads);
+  AddOutputFlags(verb, &command->output);
+}
+
 void AddRender(CLI::App* app, RenderCommand* command) {
   CLI::App* verb = AddVerb(
       app, "render", "One picture of one step",
@@ -228,6 +258,14 @@ Status CheckInput(const PictureInput& input) {
   return absl::OkStatus();
 }
 
+Status Check(PlanCommand* command) {
+  if (command->spec.rate && !command->budget.IsEmpty()) {
+    return InvalidArgument("rate {} and a budget: give one of them; a budget chooses the rate",
+                           FormatRate(*command->spec.rate));
+  }
+  return frames::ValidateSpec(command->spec);
+}
+
 Status Check(RenderCommand* command) {
   FOVEA_RETURN_IF_ERROR(CheckInput(command->input));
   const auto format = exports::PictureFormatOf(command->file);
@@ -303,6 +341,9 @@ ParseResult Chosen(const CLI::App& app, Commands* commands) {
   if (verb == "extract") {
     return Checked("extract", &commands->extract);
   }
+  if (verb == "plan") {
+    return Checked("plan", &commands->plan);
+  }
   if (verb == "render") {
     return Checked("render", &commands->render);
   }
@@ -359,6 +400,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   AddIngest(&app, &commands.ingest);
   AddLooking(&app, &commands);
   AddExtract(&app, &commands.extract);
+  AddPlan(&app, &commands.plan);
   AddRender(&app, &commands.render);
   AddExport(&app, &commands.exporting);
   AddServeAndDemo(&app, &commands);

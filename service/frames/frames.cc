@@ -32,13 +32,14 @@ render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
   return settings;
 }
 
-/// Refuses what this machine could not hold anyway, before anything is read. Measured: 9 bytes a
-/// coefficient, 26 a pixel.
-Status CheckMemory(const RetainedSet& retained, const Matrix4& index_to_world,
+/// Refuses what this machine could not hold anyway, before anything is read.
+Status CheckMemory(const store::DatasetInfo& info, const RetainedSet& retained,
                    const FrameSpec& resolved) {
-  const double need = 10.0 * static_cast<double>(retained.CoefficientCount()) +
-                      28.0 * static_cast<double>(*resolved.width_px * *resolved.height_px) +
-                      CameraBytes(retained, index_to_world, resolved);
+  // An encoder holds the picture's bytes, and its own.
+  constexpr double kEncodedBytesPerPixel = 12;
+  const double need =
+      FrameBytes(info, retained, resolved) +
+      kEncodedBytesPerPixel * static_cast<double>(*resolved.width_px * *resolved.height_px);
   const double have =
       static_cast<double>(::sysconf(_SC_PHYS_PAGES)) * static_cast<double>(::sysconf(_SC_PAGESIZE));
   if (need > have) {
@@ -78,14 +79,26 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
 
 }  // namespace
 
-double CameraBytes(const RetainedSet& retained, const Matrix4& index_to_world,
-                   const FrameSpec& resolved) {
+double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
+                  const FrameSpec& resolved) {
   if (!resolved.view.perspective) {
-    return 0;
+    return static_cast<double>(CountFrame(info, retained, resolved).memory_bytes);
   }
+  // Measured: 9 bytes a coefficient, 16 a pixel.
   const render::RenderSettings settings = SettingsOf(resolved, 0);
-  return render::PerspectiveBytes(retained, *settings.perspective, index_to_world,
+  return 10.0 * static_cast<double>(retained.CoefficientCount()) +
+         16.0 * static_cast<double>(*resolved.width_px * *resolved.height_px) +
+         render::PerspectiveBytes(retained, *settings.perspective, info.index_to_world,
                                   settings.width_px, settings.height_px);
+}
+
+render::FrameCounts CountFrame(const store::DatasetInfo& info, const RetainedSet& retained,
+                               const FrameSpec& resolved) {
+  const render::RenderSettings settings = SettingsOf(resolved, 1);
+  const render::ShearView view =
+      render::FactorView(settings.view, info.hierarchy.dims(), info.index_to_world,
+                         settings.width_px, settings.height_px);
+  return render::CountFrame(retained, view, settings.width_px, settings.height_px);
 }
 
 StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
@@ -104,7 +117,7 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
                        resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
-  FOVEA_RETURN_IF_ERROR(CheckMemory(retained, info.index_to_world, resolved));
+  FOVEA_RETURN_IF_ERROR(CheckMemory(info, retained, resolved));
 
   ReconstructStats reconstruct_stats;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,

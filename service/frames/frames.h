@@ -4,6 +4,7 @@
 #include <string>
 
 #include "engine/base/status.h"
+#include "engine/render/plan.h"
 #include "engine/store/dataset.h"
 #include "service/frames/spec.h"
 
@@ -29,16 +30,21 @@ namespace fovea::frames {
 /// field, value and range.
 [[nodiscard]] Status ResolveCamera(const store::DatasetInfo& info, PerspectiveSpec* view);
 
-/// About the bytes that the faces of a resolved perspective view need while rendering; 0 for an
-/// orthographic one, whose images are no larger than the retained set.
-[[nodiscard]] double CameraBytes(const RetainedSet& retained, const Matrix4& index_to_world,
-                                 const FrameSpec& resolved);
+/// About the bytes that a frame holds while it is rendered, its encoding left out.
+[[nodiscard]] double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
+                                const FrameSpec& resolved);
 
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
 /// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,
 /// RESOURCE_EXHAUSTED for what the machine's memory could not hold.
 [[nodiscard]] StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name,
                                           int64_t step, const FrameSpec& resolved, int threads);
+
+/// What the frame of `resolved`, an orthographic view, counts and holds in memory while it is
+/// rendered.
+[[nodiscard]] render::FrameCounts CountFrame(const store::DatasetInfo& info,
+                                             const RetainedSet& retained,
+                                             const FrameSpec& resolved);
 
 /// The step a time falls on: the last one not after it. OUT_OF_RANGE before the first.
 [[nodiscard]] StatusOr<int64_t> StepAtTime(store::Dataset& dataset, int64_t time_ns);

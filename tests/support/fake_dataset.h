@@ -29,6 +29,8 @@ class FakeDataset final : public store::Dataset {
 
   /// Steps opened from now on count this many damaged chunks (or fail, if asked to).
   void set_damaged_chunks(uint64_t count) { damaged_chunks_ = count; }
+  /// From now on info() says that the volume is this large; what is stored stays as it is.
+  void set_claimed_dims(const Int3& dims) { info_.hierarchy = *Hierarchy::Make(dims); }
 
  private:
   struct Step {

@@ -6,7 +6,9 @@
 
 #include <gtest/gtest.h>
 
+#include "engine/fovea/reconstruct.h"
 #include "engine/store/dataset_writer.h"
+#include "engine/store/read_quote.h"
 #include "engine/wavelet/haar.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/engine/store/store_test_util.h"
@@ -78,6 +80,27 @@ TEST_P(RoundTrip, GivesBackWindows) {
       ASSERT_OK(memory.ReadDetail(level, window, wanted));
       EXPECT_TRUE(SameBits(stored, wanted)) << "level " << level;
     }
+  }
+}
+
+TEST_P(RoundTrip, AQuoteIsWhatReadingThenCosts) {
+  const auto [dims, edge] = GetParam();
+  TemporaryFolder folder;
+  ASSERT_OK(MakeStore(folder.Path("a.zarr"), MakeInfo(dims, edge), 1));
+  ASSERT_OK_AND_ASSIGN(const auto dataset, Dataset::Open(folder.Path("a.zarr")));
+  const Vec3 at{static_cast<double>(dims.x) / 3, static_cast<double>(dims.y),
+                static_cast<double>(dims.z) / 2};
+  for (const double rate : {1.0, 7.0, 20.0, 500.0}) {
+    ASSERT_OK_AND_ASSIGN(const RetainedSet retained,
+                         RetainedSet::Make(dataset->info().hierarchy, {at, rate}));
+    ASSERT_OK_AND_ASSIGN(const ReadStats quote,
+                         QuoteRead(*dataset, 0, "density", OnDamage::kFail, retained));
+    ASSERT_OK_AND_ASSIGN(const auto source, dataset->OpenStep(0, "density", OnDamage::kFail));
+    ASSERT_OK(Reconstruct(*source, retained, 1));
+    const ReadStats read = source->read_stats();
+    EXPECT_EQ(quote.chunks_read, read.chunks_read) << rate;
+    EXPECT_EQ(quote.chunks_total, read.chunks_total);
+    EXPECT_EQ(quote.bytes_read, read.bytes_read);
   }
 }
 

@@ -65,6 +65,18 @@ TEST(RenderFrame, TellsWhatItShowsAndWhatItCost) {
   EXPECT_EQ(fovea::testing::DecodePng(frame.pixels).width, 64);
 }
 
+TEST(RenderFrame, RefusesWhatMemoryCannotHold) {
+  FakeDataset dataset(1);
+  FrameSpec spec = Small(dataset);
+  dataset.set_claimed_dims({40000, 40000, 40000});
+  spec.rate = 40000;
+  EXPECT_THAT(RenderFrame(dataset, "fake", 0, spec, 1),
+              FailsWith(absl::StatusCode::kResourceExhausted, "rate 40000 "));
+  spec.window = WindowShape::kSphere;  // whose coefficients it would take hours to count
+  EXPECT_THAT(RenderFrame(dataset, "fake", 0, spec, 1),
+              FailsWith(absl::StatusCode::kResourceExhausted, "rate 40000 "));
+}
+
 TEST(RenderFrame, DoesNotDependOnThreadsAndRepeats) {
   FakeDataset dataset(1);
   const FrameSpec spec = Small(dataset);
