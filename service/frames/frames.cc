@@ -12,19 +12,6 @@
 namespace fovea::frames {
 namespace {
 
-render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
-  render::RenderSettings settings;
-  settings.view = {*resolved.view.azimuth_deg, *resolved.view.elevation_deg,
-                   resolved.view.center->at, resolved.view.span_voxels};
-  settings.transfer = *resolved.transfer;
-  settings.weighting = *resolved.weighting;
-  settings.smoothing = *resolved.smoothing;
-  settings.width_px = static_cast<int>(*resolved.width_px);
-  settings.height_px = static_cast<int>(*resolved.height_px);
-  settings.threads = threads;
-  return settings;
-}
-
 /// Refuses what this machine could not hold anyway, before anything is read. Measured: 9 bytes a
 /// coefficient, 26 a pixel.
 Status CheckMemory(const RetainedSet& retained, const FrameSpec& resolved) {
@@ -57,6 +44,19 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
 
 }  // namespace
 
+render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads) {
+  render::RenderSettings settings;
+  settings.view = {*resolved.view.azimuth_deg, *resolved.view.elevation_deg,
+                   resolved.view.center->at, resolved.view.span_voxels};
+  settings.transfer = *resolved.transfer;
+  settings.weighting = *resolved.weighting;
+  settings.smoothing = *resolved.smoothing;
+  settings.width_px = static_cast<int>(*resolved.width_px);
+  settings.height_px = static_cast<int>(*resolved.height_px);
+  settings.threads = threads;
+  return settings;
+}
+
 StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
                             const FrameSpec& resolved, int threads) {
   const store::DatasetInfo info = dataset.info();
@@ -79,7 +79,7 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
                          Reconstruct(*source, retained, threads, &reconstruct_stats));
   AddReadStats(source->read_stats(), *resolved.field, &frame);
-  const render::RenderSettings settings = SettingsOf(resolved, threads);
+  const render::RenderSettings settings = RenderSettingsOf(resolved, threads);
   render::RenderStats render_stats;
   FOVEA_ASSIGN_OR_RETURN(render::Image image, render::RenderFoveated(volume, info.index_to_world,
                                                                      settings, &render_stats));

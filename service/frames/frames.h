@@ -25,6 +25,9 @@ namespace fovea::frames {
 [[nodiscard]] StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
                                               const FrameSpec& defaults);
 
+/// What the renderer is told for a spec that came from ResolveSpec.
+[[nodiscard]] render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads);
+
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
 /// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,
 /// RESOURCE_EXHAUSTED for what the machine's memory could not hold.
