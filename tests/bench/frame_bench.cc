@@ -2,8 +2,9 @@
 //   frame_bench [--workload NAME,NAME,...] [--rounds R] [--threads T]
 //   frame_bench --raw FILE NX NY NZ [--rate RATE] [--rounds R] [--threads T]
 // A workload is a volume of tests/bench/scenes.h and a rate, as bonsai25, brain25, colin27-40,
-// bonsai512-40 or procedural512-40; or growth, smoothing, memory or threads (what each measures is
-// said in workloads.h). Renderers take turns; medians of the rounds, and ratios of the medians.
+// bonsai512-40 or procedural512-40; or growth, rates, angles, widths, smoothing, memory or threads
+// (what each measures is said in workloads.h). Renderers take turns; medians of the rounds, and
+// ratios of the medians.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -133,6 +134,15 @@ Status RunNamed(const std::string& name, const Options& options) {
   if (name == "smoothing") {
     return RunSmoothing(options.rounds, options.threads);
   }
+  if (name == "rates") {
+    return RunRates(options.rounds, options.threads);
+  }
+  if (name == "angles") {
+    return RunAngles(options.rounds, options.threads);
+  }
+  if (name == "widths") {
+    return RunWidths(options.rounds, options.threads);
+  }
   if (name == "memory") {
     return RunMemory(options.threads);
   }
@@ -161,11 +171,12 @@ Status Run(const Options& options) {
 }
 
 int Usage() {
-  std::fprintf(stderr,
-               "usage: frame_bench [--workload NAME,... | --raw FILE NX NY NZ [--rate R]] "
-               "[--rounds R] [--threads T]\n"
-               "workloads: a volume and a rate (brain25, bonsai25, bonsai512-40, "
-               "procedural512-40 ...), growth, smoothing, memory, threads\n");
+  std::fprintf(
+      stderr,
+      "usage: frame_bench [--workload NAME,... | --raw FILE NX NY NZ [--rate R]] "
+      "[--rounds R] [--threads T]\n"
+      "workloads: a volume and a rate (brain25, bonsai25, bonsai512-40, "
+      "procedural512-40 ...), growth, rates, angles, widths, smoothing, memory, threads\n");
   return 2;
 }
 

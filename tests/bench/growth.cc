@@ -22,18 +22,6 @@ struct Row {
   double m, rebuild, rays, warp, frame, large_frame;
 };
 
-render::RenderSettings GrowthSettings(int64_t n, int side_px, int threads) {
-  // A ray through a blob passes about n/6 voxels: 30 / n a voxel lets most of them through.
-  const auto most = static_cast<float>(30.0 / static_cast<double>(n));
-  render::RenderSettings settings = SettingsFor({n, n, n}, 45,
-                                                {{{0.05, {0.30F, 0.08F, 0.03F}, 0},
-                                                  {0.4, {0.85F, 0.45F, 0.15F}, most / 2},
-                                                  {1.0, {1.0F, 0.95F, 0.85F}, most}}},
-                                                threads);
-  settings.width_px = settings.height_px = side_px;
-  return settings;
-}
-
 Status MeasureSize(int64_t n, int threads, double* m, Phases* phases) {
   const auto middle = 0.5 * static_cast<double>(n);
   const Vec3 fovea{middle, middle, middle};
@@ -46,6 +34,8 @@ Status MeasureSize(int64_t n, int threads, double* m, Phases* phases) {
   *m = static_cast<double>(retained.CoefficientCount());
   phases->rebuild.push_back(rebuilt.reconstruct_ms);
   render::RenderStats counted;
+  render::RenderSettings small_settings = ScaleFreeSettings(n, 45, threads);
+  small_settings.width_px = small_settings.height_px = 512;
   for (int repeat = 0; repeat < 2; ++repeat) {
     FOVEA_ASSIGN_OR_RETURN(
         render::Image small,
@@ -55,8 +45,7 @@ Status MeasureSize(int64_t n, int threads, double* m, Phases* phases) {
   }
   FOVEA_ASSIGN_OR_RETURN(
       render::Image large,
-      render::RenderFoveated(volume, Matrix4{}, GrowthSettings(n, static_cast<int>(n), threads),
-                             &counted));
+      render::RenderFoveated(volume, Matrix4{}, ScaleFreeSettings(n, 45, threads), &counted));
   phases->large_rays.push_back(counted.render_ms);
   phases->large_warp.push_back(counted.smooth_warp_ms);
   return absl::OkStatus();
