@@ -3,7 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -13,6 +13,8 @@
 #include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/frame_scratch.h"
+#include "engine/render/fused.h"
 #include "engine/render/renderer.h"
 #include "engine/store/dataset.h"
 #include "service/cli/commands.h"
@@ -40,15 +42,15 @@ double Median(Times times) {
 /// What one number of threads measured, a value a round, in milliseconds.
 struct Measured {
   int threads = 1;
-  Times read, decode, reconstruct, rays, smooth_warp, frame, encode, full, plain;
+  render::FrameScratch scratch;  // as a viewer keeps it from frame to frame
+  render::Image image;
+  Times read, decode, reconstruct, rays, smooth_warp, frame, cold, fused, encode, full, plain;
 };
 
 /// Every voxel, where full resolution is to be measured.
 struct FullResolution {
   Grid voxels;        // for the plain loops
   SuperVoxels whole;  // the same as super-voxels: skipping, early termination, SIMD
-  bool with_plain_loops = true;
-  std::string note;  // what was left out, and why; may be empty
 };
 
 struct Bench {
@@ -60,7 +62,8 @@ struct Bench {
   uint64_t samples = 0;
   int64_t frame_peak_bytes = 0;
   std::optional<FullResolution> full;
-  std::string full_note;  // why `full` is absent
+  bool with_plain_loops = true, with_fused = true;
+  std::vector<std::string> notes;  // what was left out, and why
 };
 
 int64_t PeakBytes() {
@@ -84,52 +87,65 @@ std::string WhyNotFull(const Int3& dims) {
       dims.x, dims.y, dims.z, 10 * voxels / 1e9, 10e-9 * voxels);
 }
 
+StatusOr<std::unique_ptr<store::StepSource>> OpenStep(const Bench& bench, int64_t step) {
+  return bench.dataset.OpenStep(step, *bench.spec.field, store::OnDamage::kCount);
+}
+
 StatusOr<FullResolution> LoadFull(const Bench& bench) {
   FullResolution full;
-  const Hierarchy& hierarchy = bench.info.hierarchy;
-  FOVEA_ASSIGN_OR_RETURN(
-      const auto source,
-      bench.dataset.OpenStep(bench.command.step, *bench.spec.field, store::OnDamage::kCount));
-  const auto all = static_cast<double>(hierarchy.dims().Max());
-  FOVEA_ASSIGN_OR_RETURN(const RetainedSet everything,
-                         RetainedSet::Make(hierarchy, Fovea{bench.spec.fovea->at, all}));
-  FOVEA_ASSIGN_OR_RETURN(full.whole, Reconstruct(*source, everything, 0));
-  full.with_plain_loops = bench.spec.weighting->kind == render::Weighting::Kind::kNone;
-  if (full.with_plain_loops) {
-    FOVEA_ASSIGN_OR_RETURN(full.voxels, ExtractVoxels(*source, Box3::OfSize(hierarchy.dims())));
-  } else {
-    full.note = "plain loops know no weighting: not measured";
-  }
+  FOVEA_ASSIGN_OR_RETURN(const auto source, OpenStep(bench, bench.command.step));
+  FOVEA_ASSIGN_OR_RETURN(full.voxels,
+                         ExtractVoxels(*source, Box3::OfSize(bench.info.hierarchy.dims())));
+  full.whole = WholeVolume(full.voxels, bench.spec.fovea->at, 0);
   return full;
 }
 
-/// One frame, as the foveated renderer makes it. `measured` null: only to warm up.
-Status MeasureFrame(Bench* bench, int threads, Measured* measured) {
-  FOVEA_ASSIGN_OR_RETURN(
-      const auto source,
-      bench->dataset.OpenStep(bench->command.step, *bench->spec.field, store::OnDamage::kCount));
+/// One frame in two phases, as `fovea render` makes it.
+Status MeasureFrame(Bench* bench, Measured* measured) {
+  FOVEA_ASSIGN_OR_RETURN(const auto source, OpenStep(*bench, bench->command.step));
   ReconstructStats reconstructed;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
-                         Reconstruct(*source, bench->retained, threads, &reconstructed));
+                         Reconstruct(*source, bench->retained, measured->threads, &reconstructed));
   render::RenderStats rendered;
   Stopwatch watch;
+  FOVEA_RETURN_IF_ERROR(render::RenderFoveated(
+      volume, bench->info.index_to_world, frames::RenderSettingsOf(bench->spec, measured->threads),
+      &measured->scratch, &measured->image, &rendered));
+  measured->frame.push_back(watch.RestartMs());
   FOVEA_ASSIGN_OR_RETURN(
-      const render::Image image,
-      render::RenderFoveated(volume, bench->info.index_to_world,
-                             frames::RenderSettingsOf(bench->spec, threads), &rendered));
-  const double frame_ms = watch.RestartMs();
-  FOVEA_ASSIGN_OR_RETURN(const std::string pixels,
-                         frames::Encode(image, bench->spec.encoding, *bench->spec.background,
-                                        static_cast<int>(*bench->spec.jpeg_quality)));
+      const std::string pixels,
+      frames::Encode(measured->image, bench->spec.encoding, *bench->spec.background,
+                     static_cast<int>(*bench->spec.jpeg_quality)));
+  measured->encode.push_back(watch.ElapsedMs());
+  measured->read.push_back(reconstructed.read_ms);
+  measured->decode.push_back(source->read_stats().decode_ms);
+  measured->reconstruct.push_back(reconstructed.reconstruct_ms);
+  measured->rays.push_back(rendered.render_ms);
+  measured->smooth_warp.push_back(rendered.smooth_warp_ms);
+  measured->cold.push_back(reconstructed.read_ms + reconstructed.reconstruct_ms +
+                           measured->frame.back());
   bench->samples = rendered.samples;
-  if (measured != nullptr) {
-    measured->encode.push_back(watch.ElapsedMs());
-    measured->read.push_back(reconstructed.read_ms);
-    measured->decode.push_back(source->read_stats().decode_ms);
-    measured->reconstruct.push_back(reconstructed.reconstruct_ms);
-    measured->rays.push_back(rendered.render_ms);
-    measured->smooth_warp.push_back(rendered.smooth_warp_ms);
-    measured->frame.push_back(frame_ms);
+  return absl::OkStatus();
+}
+
+/// Both phases at once, and playback that way: a step on each thread, one after the other.
+Status MeasureFused(const Bench& bench, Measured* measured) {
+  const render::RenderSettings settings = frames::RenderSettingsOf(bench.spec, 1);
+  std::vector<Status> results(static_cast<size_t>(2 * measured->threads));
+  const Stopwatch watch;
+  ParallelFor(0, std::ssize(results), 1, measured->threads, [&](int64_t first, int64_t last) {
+    for (int64_t i = first; i < last; ++i) {
+      const auto source = OpenStep(bench, (bench.command.step + i) % bench.info.committed_steps);
+      results[static_cast<size_t>(i)] =
+          source.ok()
+              ? render::RenderFused(**source, bench.retained, bench.info.index_to_world, settings)
+                    .status()
+              : source.status();
+    }
+  });
+  measured->fused.push_back(watch.ElapsedMs() / static_cast<double>(results.size()));
+  for (const Status& result : results) {
+    FOVEA_RETURN_IF_ERROR(result);
   }
   return absl::OkStatus();
 }
@@ -137,16 +153,38 @@ Status MeasureFrame(Bench* bench, int threads, Measured* measured) {
 Status MeasureFull(const Bench& bench, Measured* measured) {
   const render::RenderSettings settings = frames::RenderSettingsOf(bench.spec, measured->threads);
   Stopwatch watch;
-  FOVEA_ASSIGN_OR_RETURN(
-      const render::Image full,
-      render::RenderFoveated(bench.full->whole, bench.info.index_to_world, settings));
+  FOVEA_RETURN_IF_ERROR(render::RenderFoveated(bench.full->whole, bench.info.index_to_world,
+                                               settings, &measured->scratch, &measured->image));
   measured->full.push_back(watch.RestartMs());
-  if (bench.full->with_plain_loops) {
+  if (bench.with_plain_loops) {
     FOVEA_ASSIGN_OR_RETURN(
         const render::Image plain,
         render::RenderPlainLoops(bench.full->voxels, bench.info.index_to_world, settings));
     measured->plain.push_back(watch.RestartMs());
   }
+  return absl::OkStatus();
+}
+
+/// What this dataset and picture can be compared with; the rest is noted.
+Status ChooseComparisons(Bench* bench) {
+  Measured trial;
+  const Status fused = MeasureFused(*bench, &trial);
+  if (absl::IsFailedPrecondition(fused)) {
+    bench->with_fused = false;
+    bench->notes.push_back("fused: " + std::string(MessageOf(fused)));
+  } else {
+    FOVEA_RETURN_IF_ERROR(fused);
+  }
+  const std::string too_large = WhyNotFull(bench->info.hierarchy.dims());
+  if (!too_large.empty()) {
+    bench->notes.push_back(too_large);
+    return absl::OkStatus();
+  }
+  if (bench->spec.weighting->kind != render::Weighting::Kind::kNone) {
+    bench->with_plain_loops = false;
+    bench->notes.emplace_back("plain loops know no weighting: not measured");
+  }
+  FOVEA_ASSIGN_OR_RETURN(bench->full, LoadFull(*bench));
   return absl::OkStatus();
 }
 
@@ -161,7 +199,10 @@ Status MeasureRounds(Bench* bench, std::vector<Measured>* measured) {
       if (Interrupted()) {
         return Cancelled("stopped in round {} of {}", round + 1, bench->command.rounds);
       }
-      FOVEA_RETURN_IF_ERROR(MeasureFrame(bench, one.threads, &one));
+      FOVEA_RETURN_IF_ERROR(MeasureFrame(bench, &one));
+      if (bench->with_fused) {
+        FOVEA_RETURN_IF_ERROR(MeasureFused(*bench, &one));
+      }
       if (bench->full && (!slow || round < 3)) {
         FOVEA_RETURN_IF_ERROR(MeasureFull(*bench, &one));
       }
@@ -185,6 +226,8 @@ constexpr Phase kPhases[] = {
     {"smooth_warp_ms", "smooth, warp", &Measured::smooth_warp},
     {"encode_ms", "encode (PNG)", &Measured::encode},
     {"frame_ms", "frame (rays to warp)", &Measured::frame},
+    {"two_phase_ms", "frame of a new step, two phases", &Measured::cold},
+    {"fused_playback_ms", "the same fused, a step a thread", &Measured::fused},
     {"full_ms", "full resolution, skipping", &Measured::full},
     {"plain_loops_ms", "full resolution, plain loops", &Measured::plain},
 };
@@ -250,9 +293,7 @@ void PrintAsJson(const Bench& bench, const std::vector<Measured>& measured) {
         Median(one.rays) * 1e6 / static_cast<double>(std::max<uint64_t>(bench.samples, 1));
     value["runs"].push_back(run);
   }
-  if (!bench.full_note.empty()) {
-    value["full_resolution_note"] = bench.full_note;
-  }
+  value["notes"] = bench.notes;
   PrintJson(value);
 }
 
@@ -261,26 +302,23 @@ void PrintAsJson(const Bench& bench, const std::vector<Measured>& measured) {
 Status Run(const BenchCommand& command) {
   FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(command.dataset));
   FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, frames::DefaultSpec(*dataset));
-  Bench bench{command, *dataset, dataset->info(), {}, {}, 0, 0, {}, {}};
+  Bench bench{command, *dataset, dataset->info(), {}, {}, 0, 0, {}, true, true, {}};
   FOVEA_ASSIGN_OR_RETURN(bench.spec, frames::ResolveSpec(*dataset, command.spec, defaults));
-  FOVEA_ASSIGN_OR_RETURN(
-      bench.retained,
-      RetainedSet::Make(bench.info.hierarchy, Fovea{bench.spec.fovea->at, *bench.spec.rate}));
+  FOVEA_ASSIGN_OR_RETURN(bench.retained,
+                         RetainedSet::Make(bench.info.hierarchy, frames::FoveaOf(bench.spec)));
   std::vector<Measured> measured(1);
   const int other = command.threads > 0 ? command.threads : HardwareThreads();
   if (other > 1) {
     measured.emplace_back().threads = other;
   }
-  FOVEA_RETURN_IF_ERROR(MeasureFrame(&bench, 0, nullptr));
+  Measured warm_up;
+  warm_up.threads = other;
+  FOVEA_RETURN_IF_ERROR(MeasureFrame(&bench, &warm_up));
   bench.frame_peak_bytes = PeakBytes();
-  bench.full_note = WhyNotFull(bench.info.hierarchy.dims());
-  if (bench.full_note.empty()) {
-    FOVEA_ASSIGN_OR_RETURN(bench.full, LoadFull(bench));
-    bench.full_note = bench.full->note;
-  }
+  FOVEA_RETURN_IF_ERROR(ChooseComparisons(&bench));
   FOVEA_RETURN_IF_ERROR(MeasureRounds(&bench, &measured));
-  if (!bench.full_note.empty()) {
-    Note(command.output, "note: " + bench.full_note);
+  for (const std::string& note : bench.notes) {
+    Note(command.output, "note: " + note);
   }
   command.output.json ? PrintAsJson(bench, measured) : PrintTable(bench, measured);
   return absl::OkStatus();

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
 #include "tests/bench/scenes.h"
 #include "tests/bench/separable_source.h"
@@ -12,16 +13,23 @@
 namespace fovea::bench {
 namespace {
 
+/// What frames share, as a viewer's do.
+struct Buffers {
+  render::FrameScratch frame;
+  render::Image image;
+};
+
 /// Reconstruction, rays, smoothing and warp of one frame. The paper's two phases are one, so the
 /// time to reconstruct is part of a frame here.
 Status AddFrame(CoefficientSource& source, const RetainedSet& retained,
-                const render::RenderSettings& settings, std::vector<double>* frames) {
+                const render::RenderSettings& settings, Buffers* buffers,
+                std::vector<double>* frames) {
   ReconstructStats rebuilt;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
                          Reconstruct(source, retained, settings.threads, &rebuilt));
   render::RenderStats rendered;
-  FOVEA_ASSIGN_OR_RETURN(const render::Image image,
-                         render::RenderFoveated(volume, Matrix4{}, settings, &rendered));
+  FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, settings, &buffers->frame,
+                                               &buffers->image, &rendered));
   frames->push_back(rebuilt.reconstruct_ms + rendered.render_ms + rendered.smooth_warp_ms);
   return absl::OkStatus();
 }
@@ -34,6 +42,7 @@ Status MeasureBonsai(const std::vector<double>& rates, const std::vector<double>
   MemorySource source(set);
   std::vector<std::vector<double>> frames(rates.size() * angles.size());
   std::vector<int64_t> m(rates.size());
+  Buffers buffers;
   for (int round = 0; round < rounds; ++round) {
     for (size_t r = 0; r < rates.size(); ++r) {
       FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
@@ -42,7 +51,8 @@ Status MeasureBonsai(const std::vector<double>& rates, const std::vector<double>
       for (size_t a = 0; a < angles.size(); ++a) {
         const render::RenderSettings settings =
             SettingsFor(volume.dims, angles[a], TransferFor(volume.name, false), threads);
-        FOVEA_RETURN_IF_ERROR(AddFrame(source, retained, settings, &frames[r * angles.size() + a]));
+        FOVEA_RETURN_IF_ERROR(
+            AddFrame(source, retained, settings, &buffers, &frames[r * angles.size() + a]));
       }
     }
   }
@@ -71,6 +81,7 @@ Status RunWidths(int rounds, int threads) {
   constexpr std::array<double, 2> kAngles = {0, 45};
   std::vector<double> frames[5][2][2];  // [size][angle][picture n x n, 512 x 512]
   std::array<int64_t, 5> m{};
+  Buffers buffers;
   for (int round = 0; round < rounds; ++round) {
     for (size_t i = 0; i < kSizes.size(); ++i) {
       const auto middle = 0.5 * static_cast<double>(kSizes[i]);
@@ -85,7 +96,8 @@ Status RunWidths(int rounds, int threads) {
           if (fixed) {
             settings.width_px = settings.height_px = 512;
           }
-          FOVEA_RETURN_IF_ERROR(AddFrame(source, retained, settings, &frames[i][a][fixed]));
+          FOVEA_RETURN_IF_ERROR(
+              AddFrame(source, retained, settings, &buffers, &frames[i][a][fixed]));
         }
       }
     }

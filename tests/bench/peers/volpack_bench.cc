@@ -164,12 +164,24 @@ struct Medians {
   double fovea_ms, classified_ms, anew_ms, raw_ms;
 };
 
+/// A frame in buffers that are kept, as a viewer keeps them.
+void RenderOrDie(const SuperVoxels& volume, const render::RenderSettings& settings,
+                 render::FrameScratch* scratch, render::Image* image) {
+  const Status status = render::RenderFoveated(volume, Matrix4{}, settings, scratch, image);
+  if (!status.ok()) {
+    std::fprintf(stderr, "volpack_bench: %s\n", std::string(MessageOf(status)).c_str());
+    std::exit(1);
+  }
+}
+
 Medians Measure(const SuperVoxels& volume, const render::RenderSettings& settings, int rounds,
                 VolPack* volpack) {
   std::vector<double> fovea, classified, anew, raw;
+  render::FrameScratch scratch;
+  render::Image image;
   for (int round = 0; round < rounds; ++round) {
     Stopwatch watch;
-    (void)render::RenderFoveated(volume, Matrix4{}, settings).value();
+    RenderOrDie(volume, settings, &scratch, &image);
     fovea.push_back(watch.RestartMs());
     volpack->RenderClassified();
     classified.push_back(watch.RestartMs());
@@ -182,7 +194,7 @@ Medians Measure(const SuperVoxels& volume, const render::RenderSettings& setting
     anew.push_back(watch.RestartMs());
     volpack->RenderRaw();
     raw.push_back(watch.RestartMs());
-    (void)render::RenderFoveated(volume, Matrix4{}, settings).value();
+    RenderOrDie(volume, settings, &scratch, &image);
     fovea.push_back(watch.RestartMs());
   }
   return {Median(fovea), Median(classified), Median(anew), Median(raw)};
@@ -236,6 +248,8 @@ Status RunTable1(const Options& options, const Volume& volume, const Coefficient
     render::RenderSettings along_x = settings;
     along_x.view = {0, 0, {}, settings.view.span_voxels};
     std::vector<double> plain, make, octree, classify, frame, fovea;
+    render::FrameScratch scratch;
+    render::Image image;
     for (int round = 0; round < options.rounds; ++round) {
       Stopwatch watch;
       (void)render::RenderPlainLoops(volume.voxels, Matrix4{}, along_x).value();
@@ -251,7 +265,7 @@ Status RunTable1(const Options& options, const Volume& volume, const Coefficient
       volpack.RenderClassified();
       frame.push_back(watch.RestartMs());
       const SuperVoxels foveated = Reconstruct(source, retained, 1).value();
-      (void)render::RenderFoveated(foveated, Matrix4{}, settings).value();
+      RenderOrDie(foveated, settings, &scratch, &image);
       fovea.push_back(watch.RestartMs());
     }
     std::printf("%-10s %-6s %8.1f %8.1f %8.2f %8.2f %8.2f %8.1f\n", volume.name.c_str(),
