@@ -44,9 +44,8 @@ Status MeasureSize(int64_t n, int threads, Buffers* scratch, double* m, Phases* 
   render::RenderSettings small_settings = ScaleFreeSettings(n, 45, threads);
   small_settings.width_px = small_settings.height_px = 512;
   for (int repeat = 0; repeat < 2; ++repeat) {
-    FOVEA_ASSIGN_OR_RETURN(
-        render::Image small,
-        render::RenderFoveated(volume, Matrix4{}, GrowthSettings(n, 512, threads), &counted));
+    FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, small_settings, &scratch->frame,
+                                                 &scratch->image, &counted));
     phases->rays.push_back(counted.render_ms);
     phases->warp.push_back(counted.smooth_warp_ms);
   }

@@ -24,6 +24,7 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/frame_scratch.h"
 #include "tests/bench/scenes.h"
 
 namespace fovea::bench {
