@@ -49,6 +49,7 @@ struct ReadStats {
   uint64_t chunks_total = 0;    // stored for this step and field, coarse included
   uint64_t bytes_read = 0;      // compressed, indexes included
   uint64_t chunks_damaged = 0;  // failed their checksum and were read as zeros
+  double decode_ms = 0;         // checking and decompressing detail, summed over threads
 };
 
 /// What to do when a detail chunk (or the index of its shard) fails its checksum.

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "engine/base/parallel.h"
+#include "engine/base/stopwatch.h"
 #include "engine/store/chunk_file.h"
 #include "engine/store/chunk_table.h"
 #include "engine/store/codec.h"
@@ -108,6 +109,7 @@ class StoredStep final : public StepSource {
   std::atomic<uint64_t> chunks_read_{0};
   std::atomic<uint64_t> bytes_read_{0};
   std::atomic<uint64_t> chunks_damaged_{0};
+  std::atomic<int64_t> decode_ns_{0};
 };
 
 ReadStats StoredStep::read_stats() const {
@@ -115,6 +117,7 @@ ReadStats StoredStep::read_stats() const {
   stats.chunks_read = chunks_read_;
   stats.bytes_read = bytes_read_;
   stats.chunks_damaged = chunks_damaged_;
+  stats.decode_ms = static_cast<double>(decode_ns_) / 1e6;
   stats.chunks_total = 1;  // coarse
   for (const auto& table : tables_) {
     stats.chunks_total += table->StoredChunks();
@@ -292,11 +295,13 @@ Status StoredStep::ReadRun(const Window& window, const Run& run) {
   std::vector<float> values(static_cast<size_t>(window.layout.ChunkValues()));
   for (const Wanted& one : run.chunks) {
     Status status = read;
+    const Stopwatch watch;
     if (status.ok()) {
       status =
           decoder.DecodeValues(std::span(bytes).subspan(one.entry.offset - start, one.entry.bytes),
                                window.layout.type, values);
     }
+    decode_ns_ += static_cast<int64_t>(1e6 * watch.ElapsedMs());
     if (!status.ok()) {
       FOVEA_RETURN_IF_ERROR(Damaged(window.layout, one.chunk, Annotate(status, run.path)));
       continue;

@@ -100,6 +100,15 @@ struct ExportCommand {
   bool overwrite = false;
 };
 
+struct BenchCommand {
+  OutputOptions output;
+  std::string dataset;
+  int64_t step = 0;
+  frames::FrameSpec spec;
+  int threads = 0;  // measured beside 1; 0: all processors
+  int rounds = 5;   // 1 to 1000
+};
+
 /// Everything after `serve` goes to fovead as it is.
 struct ServeCommand {
   std::vector<std::string> arguments;
@@ -115,7 +124,8 @@ struct DemoCommand {
 
 using Command =
     std::variant<IngestCommand, InfoCommand, StatsCommand, VerifyCommand, ExtractCommand,
-                 PlanCommand, RenderCommand, ExportCommand, ServeCommand, DemoCommand>;
+                 PlanCommand, RenderCommand, ExportCommand, BenchCommand, ServeCommand,
+                 DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -135,6 +145,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const PlanCommand& command);
 [[nodiscard]] Status Run(const RenderCommand& command);
 [[nodiscard]] Status Run(const ExportCommand& command);
+[[nodiscard]] Status Run(const BenchCommand& command);
 [[nodiscard]] Status Run(const ServeCommand& command);
 [[nodiscard]] Status Run(const DemoCommand& command);
 

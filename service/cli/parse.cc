@@ -23,6 +23,7 @@ struct Commands {
   PlanCommand plan;
   RenderCommand render;
   ExportCommand exporting;
+  BenchCommand bench;
   ServeCommand serve;
   DemoCommand demo;
 };
@@ -224,6 +225,26 @@ void AddExport(CLI::App* app, ExportCommand* command) {
   AddOutputFlags(verb, &command->output);
 }
 
+void AddBench(CLI::App* app, BenchCommand* command) {
+  CLI::App* verb = AddVerb(
+      app, "bench", "What a frame of your data costs, phase by phase, beside full resolution",
+      "  fovea bench smoke.zarr\n"
+      "  fovea bench smoke.zarr --step 30 --rate 25 --size 1024x1024 --rounds 9 --json\n"
+      "Measures on one thread and on --threads, in turns; medians of the rounds. The store is\n"
+      "in the page cache, and is read on all threads. A volume too large for full resolution is "
+      "measured without it.");
+  AddDataset(verb, &command->dataset);
+  verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("N");
+  verb->add_option("--rounds", command->rounds, "How often, 1 to 1000 (default 5)")
+      ->check(CLI::Range(1, 1000))
+      ->type_name("R");
+  AddPictureFlags(verb, &command->spec);
+  AddThreadsFlag(verb, &command->threads);
+  AddOutputFlags(verb, &command->output);
+}
+
 void AddServeAndDemo(CLI::App* app, Commands* commands) {
   CLI::App* serve =
       app->add_subcommand("serve", "The gRPC service over all datasets below a folder");
@@ -303,6 +324,10 @@ Status Check(ExtractCommand* command) {
   return frames::ValidateSpec(spec);
 }
 
+Status Check(BenchCommand* command) {
+  return frames::ValidateSpec(command->spec);
+}
+
 Status Check(InfoCommand* command) {
   if (command->dataset.empty() && !command->server) {
     return InvalidArgument("dataset is missing: name a folder, or a server with --server");
@@ -349,6 +374,9 @@ ParseResult Chosen(const CLI::App& app, Commands* commands) {
   }
   if (verb == "export") {
     return Checked("export", &commands->exporting);
+  }
+  if (verb == "bench") {
+    return Checked("bench", &commands->bench);
   }
   if (verb == "demo") {
     return Checked("demo", &commands->demo);
@@ -403,6 +431,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   AddPlan(&app, &commands.plan);
   AddRender(&app, &commands.render);
   AddExport(&app, &commands.exporting);
+  AddBench(&app, &commands.bench);
   AddServeAndDemo(&app, &commands);
   if (const std::string problem = VerbProblem(app, arguments); !problem.empty()) {
     return {std::nullopt, problem + "\nsee `fovea --help`", 2};

@@ -15,23 +15,6 @@
 namespace fovea::frames {
 namespace {
 
-render::RenderSettings SettingsOf(const FrameSpec& resolved, int threads) {
-  render::RenderSettings settings;
-  if (const auto& camera = resolved.view.perspective) {
-    settings.perspective = {camera->eye.at, camera->target->at, camera->up, *camera->fov_y_deg};
-  } else {
-    settings.view = {*resolved.view.azimuth_deg, *resolved.view.elevation_deg,
-                     resolved.view.center->at, resolved.view.span_voxels};
-  }
-  settings.transfer = *resolved.transfer;
-  settings.weighting = *resolved.weighting;
-  settings.smoothing = *resolved.smoothing;
-  settings.width_px = static_cast<int>(*resolved.width_px);
-  settings.height_px = static_cast<int>(*resolved.height_px);
-  settings.threads = threads;
-  return settings;
-}
-
 /// Refuses what this machine could not hold anyway, before anything is read.
 Status CheckMemory(const store::DatasetInfo& info, const RetainedSet& retained,
                    const FrameSpec& resolved) {
@@ -79,13 +62,30 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
 
 }  // namespace
 
+render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads) {
+  render::RenderSettings settings;
+  if (const auto& camera = resolved.view.perspective) {
+    settings.perspective = {camera->eye.at, camera->target->at, camera->up, *camera->fov_y_deg};
+  } else {
+    settings.view = {*resolved.view.azimuth_deg, *resolved.view.elevation_deg,
+                     resolved.view.center->at, resolved.view.span_voxels};
+  }
+  settings.transfer = *resolved.transfer;
+  settings.weighting = *resolved.weighting;
+  settings.smoothing = *resolved.smoothing;
+  settings.width_px = static_cast<int>(*resolved.width_px);
+  settings.height_px = static_cast<int>(*resolved.height_px);
+  settings.threads = threads;
+  return settings;
+}
+
 double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
                   const FrameSpec& resolved) {
   if (!resolved.view.perspective) {
     return static_cast<double>(CountFrame(info, retained, resolved).memory_bytes);
   }
   // Measured: 9 bytes a coefficient, 16 a pixel.
-  const render::RenderSettings settings = SettingsOf(resolved, 0);
+  const render::RenderSettings settings = RenderSettingsOf(resolved, 0);
   return 10.0 * static_cast<double>(retained.CoefficientCount()) +
          16.0 * static_cast<double>(*resolved.width_px * *resolved.height_px) +
          render::PerspectiveBytes(retained, *settings.perspective, info.index_to_world,
@@ -94,7 +94,7 @@ double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
 
 render::FrameCounts CountFrame(const store::DatasetInfo& info, const RetainedSet& retained,
                                const FrameSpec& resolved) {
-  const render::RenderSettings settings = SettingsOf(resolved, 1);
+  const render::RenderSettings settings = RenderSettingsOf(resolved, 1);
   const render::ShearView view =
       render::FactorView(settings.view, info.hierarchy.dims(), info.index_to_world,
                          settings.width_px, settings.height_px);
@@ -124,7 +124,7 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
                          Reconstruct(*source, retained, threads, &reconstruct_stats,
                                      resolved.reconstruction.value_or(Reconstruction::kExact)));
   AddReadStats(source->read_stats(), *resolved.field, &frame);
-  const render::RenderSettings settings = SettingsOf(resolved, threads);
+  const render::RenderSettings settings = RenderSettingsOf(resolved, threads);
   render::RenderStats render_stats;
   FOVEA_ASSIGN_OR_RETURN(render::Image image, render::RenderFoveated(volume, info.index_to_world,
                                                                      settings, &render_stats));

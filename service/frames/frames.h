@@ -34,6 +34,9 @@ namespace fovea::frames {
 [[nodiscard]] double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
                                 const FrameSpec& resolved);
 
+/// What the renderer is told for a spec that came from ResolveSpec.
+[[nodiscard]] render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads);
+
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
 /// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,
 /// RESOURCE_EXHAUSTED for what the machine's memory could not hold.

@@ -14,8 +14,6 @@ namespace {
 
 /// Memory per pixel while a frame is made: the picture as floats, its sheared and smoothed forms,
 /// and its bytes. Per super-voxel: itself, and the coefficients it is made of.
-constexpr int64_t kBytesPerPixel = 64;
-constexpr int64_t kBytesPerSuperVoxel = 12;
 /// No compressed picture is larger than this per pixel.
 constexpr int64_t kCompressedBytesPerPixel = 4;
 /// Spec, statistics, bookkeeping.

@@ -2,8 +2,9 @@
 //   frame_bench [--workload NAME,NAME,...] [--rounds R] [--threads T]
 //   frame_bench --raw FILE NX NY NZ [--rate RATE] [--rounds R] [--threads T]
 // A workload is a volume of tests/bench/scenes.h and a rate, as bonsai25, brain25, colin27-40,
-// bonsai512-40 or procedural512-40; or growth, smoothing, memory or threads (what each measures is
-// said in workloads.h). Renderers take turns; medians of the rounds, and ratios of the medians.
+// bonsai512-40 or procedural512-40; or growth, rates, angles, widths, smoothing, memory or threads
+// (what each measures is said in workloads.h). Renderers take turns; medians of the rounds, and
+// ratios of the medians.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -13,6 +14,7 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
 #include "tests/bench/scenes.h"
 #include "tests/bench/workloads.h"
@@ -41,20 +43,22 @@ Status MeasureFrames(const Volume& volume, CoefficientSource& source, const Reta
                      Frames* frames) {
   // Plain loops over 512^3 take seconds: a few rounds will do.
   const int plain_rounds = volume.dims.Max() > 256 ? std::min(rounds, 3) : rounds;
+  render::FrameScratch scratch, full_scratch;
+  render::Image image;
   for (int round = 0; round < rounds; ++round) {
     Stopwatch watch;
     FOVEA_ASSIGN_OR_RETURN(const SuperVoxels foveated,
                            Reconstruct(source, retained, settings.threads));
     frames->rebuild.push_back(watch.RestartMs());
     render::RenderStats counted;
-    FOVEA_ASSIGN_OR_RETURN(const render::Image image,
-                           render::RenderFoveated(foveated, Matrix4{}, settings, &counted));
+    FOVEA_RETURN_IF_ERROR(
+        render::RenderFoveated(foveated, Matrix4{}, settings, &scratch, &image, &counted));
     frames->total.push_back(watch.RestartMs());
     frames->rays.push_back(counted.render_ms);
     frames->smooth_warp.push_back(counted.smooth_warp_ms);
     frames->samples = counted.samples;
-    FOVEA_ASSIGN_OR_RETURN(const render::Image full,
-                           render::RenderFoveated(whole, Matrix4{}, settings));
+    FOVEA_RETURN_IF_ERROR(
+        render::RenderFoveated(whole, Matrix4{}, settings, &full_scratch, &image));
     frames->full.push_back(watch.RestartMs());
     if (round < plain_rounds) {
       FOVEA_ASSIGN_OR_RETURN(const render::Image plain,
@@ -70,10 +74,7 @@ Status RunVolume(const Volume& volume, double rate, const Options& options) {
   MemorySource source(set);
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(set.hierarchy, {volume.fovea, rate}));
-  const double all = static_cast<double>(volume.dims.Max());
-  FOVEA_ASSIGN_OR_RETURN(const RetainedSet everything,
-                         RetainedSet::Make(set.hierarchy, {volume.fovea, all}));
-  FOVEA_ASSIGN_OR_RETURN(const SuperVoxels whole, Reconstruct(source, everything, 0));
+  const SuperVoxels whole = WholeVolume(volume.voxels, volume.fovea, 0);
   for (const bool opaque : {false, true}) {
     const render::RenderSettings settings =
         SettingsFor(volume.dims, 30, TransferFor(volume.name, opaque), options.threads);
@@ -109,13 +110,15 @@ Status RunThreads(int rounds) {
                            RetainedSet::Make(set.hierarchy, {volume.fovea, rate}));
     FOVEA_ASSIGN_OR_RETURN(const SuperVoxels foveated, Reconstruct(source, retained, 0));
     std::vector<double> times[2];
+    render::FrameScratch scratch;
+    render::Image image;
     for (int round = 0; round < rounds; ++round) {
       for (const int threads : {1, 2}) {
         const render::RenderSettings settings =
             SettingsFor(volume.dims, 30, TransferFor(volume.name, false), threads);
         Stopwatch watch;
-        FOVEA_ASSIGN_OR_RETURN(const render::Image image,
-                               render::RenderFoveated(foveated, Matrix4{}, settings));
+        FOVEA_RETURN_IF_ERROR(
+            render::RenderFoveated(foveated, Matrix4{}, settings, &scratch, &image));
         times[threads - 1].push_back(watch.ElapsedMs());
       }
     }
@@ -132,6 +135,15 @@ Status RunNamed(const std::string& name, const Options& options) {
   }
   if (name == "smoothing") {
     return RunSmoothing(options.rounds, options.threads);
+  }
+  if (name == "rates") {
+    return RunRates(options.rounds, options.threads);
+  }
+  if (name == "angles") {
+    return RunAngles(options.rounds, options.threads);
+  }
+  if (name == "widths") {
+    return RunWidths(options.rounds, options.threads);
   }
   if (name == "memory") {
     return RunMemory(options.threads);
@@ -161,11 +173,12 @@ Status Run(const Options& options) {
 }
 
 int Usage() {
-  std::fprintf(stderr,
-               "usage: frame_bench [--workload NAME,... | --raw FILE NX NY NZ [--rate R]] "
-               "[--rounds R] [--threads T]\n"
-               "workloads: a volume and a rate (brain25, bonsai25, bonsai512-40, "
-               "procedural512-40 ...), growth, smoothing, memory, threads\n");
+  std::fprintf(
+      stderr,
+      "usage: frame_bench [--workload NAME,... | --raw FILE NX NY NZ [--rate R]] "
+      "[--rounds R] [--threads T]\n"
+      "workloads: a volume and a rate (brain25, bonsai25, bonsai512-40, "
+      "procedural512-40 ...), growth, rates, angles, widths, smoothing, memory, threads\n");
   return 2;
 }
 

@@ -5,6 +5,7 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
 #include "tests/bench/scenes.h"
 #include "tests/bench/separable_source.h"
@@ -22,19 +23,13 @@ struct Row {
   double m, rebuild, rays, warp, frame, large_frame;
 };
 
-render::RenderSettings GrowthSettings(int64_t n, int side_px, int threads) {
-  // A ray through a blob passes about n/6 voxels: 30 / n a voxel lets most of them through.
-  const auto most = static_cast<float>(30.0 / static_cast<double>(n));
-  render::RenderSettings settings = SettingsFor({n, n, n}, 45,
-                                                {{{0.05, {0.30F, 0.08F, 0.03F}, 0},
-                                                  {0.4, {0.85F, 0.45F, 0.15F}, most / 2},
-                                                  {1.0, {1.0F, 0.95F, 0.85F}, most}}},
-                                                threads);
-  settings.width_px = settings.height_px = side_px;
-  return settings;
-}
+/// Buffers that frames share, as a viewer's do.
+struct Buffers {
+  render::FrameScratch frame;
+  render::Image image;
+};
 
-Status MeasureSize(int64_t n, int threads, double* m, Phases* phases) {
+Status MeasureSize(int64_t n, int threads, Buffers* scratch, double* m, Phases* phases) {
   const auto middle = 0.5 * static_cast<double>(n);
   const Vec3 fovea{middle, middle, middle};
   FOVEA_ASSIGN_OR_RETURN(SeparableSource source, MakeScaleFreeSource(n, fovea));
@@ -46,17 +41,16 @@ Status MeasureSize(int64_t n, int threads, double* m, Phases* phases) {
   *m = static_cast<double>(retained.CoefficientCount());
   phases->rebuild.push_back(rebuilt.reconstruct_ms);
   render::RenderStats counted;
+  render::RenderSettings small_settings = ScaleFreeSettings(n, 45, threads);
+  small_settings.width_px = small_settings.height_px = 512;
   for (int repeat = 0; repeat < 2; ++repeat) {
-    FOVEA_ASSIGN_OR_RETURN(
-        render::Image small,
-        render::RenderFoveated(volume, Matrix4{}, GrowthSettings(n, 512, threads), &counted));
+    FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, small_settings, &scratch->frame,
+                                                 &scratch->image, &counted));
     phases->rays.push_back(counted.render_ms);
     phases->warp.push_back(counted.smooth_warp_ms);
   }
-  FOVEA_ASSIGN_OR_RETURN(
-      render::Image large,
-      render::RenderFoveated(volume, Matrix4{}, GrowthSettings(n, static_cast<int>(n), threads),
-                             &counted));
+  FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, ScaleFreeSettings(n, 45, threads),
+                                               &scratch->frame, &scratch->image, &counted));
   phases->large_rays.push_back(counted.render_ms);
   phases->large_warp.push_back(counted.smooth_warp_ms);
   return absl::OkStatus();
@@ -68,9 +62,10 @@ Status RunGrowth(int rounds, int threads) {
   constexpr std::array<int64_t, 3> kSizes = {1024, 2048, 4096};
   std::array<Phases, 3> phases;
   std::array<double, 3> m{};
+  std::array<Buffers, 3> buffers;
   for (int round = 0; round < rounds; ++round) {
     for (size_t i = 0; i < kSizes.size(); ++i) {
-      FOVEA_RETURN_IF_ERROR(MeasureSize(kSizes[i], threads, &m[i], &phases[i]));
+      FOVEA_RETURN_IF_ERROR(MeasureSize(kSizes[i], threads, &buffers[i], &m[i], &phases[i]));
     }
   }
   std::printf("growth: rate 40, 45 degrees, medians in ms; (x: over n = 1024)\n");
@@ -110,10 +105,12 @@ Status RunSmoothing(int rounds, int threads) {
     settings.width_px = settings.height_px = kSide;
     std::vector<double> warp, set_ms;
     render::RenderStats counted;
+    render::FrameScratch scratch;
+    render::Image image;
     std::vector<float> picture(size_t{4} * kSide * kSide);
     for (int round = 0; round < rounds; ++round) {
-      FOVEA_ASSIGN_OR_RETURN(render::Image image,
-                             render::RenderFoveated(foveated, Matrix4{}, settings, &counted));
+      FOVEA_RETURN_IF_ERROR(
+          render::RenderFoveated(foveated, Matrix4{}, settings, &scratch, &image, &counted));
       warp.push_back(counted.smooth_warp_ms);
       Stopwatch watch;
       std::memset(picture.data(), round, picture.size() * sizeof(float));

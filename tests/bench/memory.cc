@@ -8,6 +8,7 @@
 #include <malloc.h>
 
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
 #include "tests/bench/scenes.h"
 #include "tests/bench/separable_source.h"
@@ -70,15 +71,17 @@ Status MeasureFrame(const char* name, CoefficientSource& source, const Vec3& fov
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume, Reconstruct(source, retained, settings.threads));
   const int64_t held = bytes - before;
   const int64_t picture = int64_t{16} * settings.width_px * settings.height_px;
+  const int64_t scratch_before = bytes;
+  render::FrameScratch scratch;
+  render::Image image;
   int64_t frame_calls = 0, frame_peak = 0;
   for (int frame = 0; frame < 3; ++frame) {  // the last one counts: a steady state, if there is one
     const int64_t calls_before = calls;
     const int64_t bytes_before = bytes;
     peak = bytes_before;
-    FOVEA_ASSIGN_OR_RETURN(const render::Image image,
-                           render::RenderFoveated(volume, Matrix4{}, settings));
+    FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, settings, &scratch, &image));
     frame_calls = calls - calls_before;
-    frame_peak = peak - bytes_before;
+    frame_peak = peak - scratch_before;
   }
   const auto super_voxels = static_cast<double>(retained.SuperVoxelCount());
   std::printf("%-14s %4g %10.0f %10.2f %8.1f %12.2f %12.2f %8lld\n", name, rate, super_voxels,

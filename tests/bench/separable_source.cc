@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "engine/volume/grid.h"
+#include "tests/bench/scenes.h"
 
 namespace fovea::bench {
 namespace {
@@ -133,6 +134,16 @@ StatusOr<SeparableSource> MakeScaleFreeSource(int64_t n, const Vec3& fovea) {
     }
   }
   return SeparableSource(hierarchy, std::move(blobs));
+}
+
+render::RenderSettings ScaleFreeSettings(int64_t n, double degrees, int threads) {
+  // A ray through a blob passes about n/6 voxels: 30 / n a voxel lets most of them through.
+  const auto most = static_cast<float>(30.0 / static_cast<double>(n));
+  return SettingsFor({n, n, n}, degrees,
+                     {{{0.05, {0.30F, 0.08F, 0.03F}, 0},
+                       {0.4, {0.85F, 0.45F, 0.15F}, most / 2},
+                       {1.0, {1.0F, 0.95F, 0.85F}, most}}},
+                     threads);
 }
 
 }  // namespace fovea::bench

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "engine/fovea/coefficient_source.h"
+#include "engine/render/renderer.h"
 
 namespace fovea::bench {
 
@@ -36,6 +37,9 @@ class SeparableSource final : public CoefficientSource {
 /// `fovea`: blobs of sizes n/8 down to 2 voxels, each as far from the fovea as a few of its sizes,
 /// in empty space. Values 0 to about 1.
 [[nodiscard]] StatusOr<SeparableSource> MakeScaleFreeSource(int64_t n, const Vec3& fovea);
+
+/// For it: SettingsFor with a semi-transparent transfer function, alike at every n.
+[[nodiscard]] render::RenderSettings ScaleFreeSettings(int64_t n, double degrees, int threads);
 
 }  // namespace fovea::bench
 

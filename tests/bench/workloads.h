@@ -10,6 +10,13 @@ namespace fovea::bench {
 /// picture of 512 x 512 and with one of n x n. Yu et al., Figure 7 (c).
 [[nodiscard]] Status RunGrowth(int rounds, int threads);
 
+/// Yu et al., Figure 7: frames (reconstruction included) against the rate at 0 and 45 degrees (a),
+/// the angle at rate 40 (b), both of bonsai512; and the data width at rate 40, with a picture of
+/// n x n and of 512 x 512 (c).
+[[nodiscard]] Status RunRates(int rounds, int threads);
+[[nodiscard]] Status RunAngles(int rounds, int threads);
+[[nodiscard]] Status RunWidths(int rounds, int threads);
+
 /// What a frame holds and what it allocates, at several rates and sizes.
 [[nodiscard]] Status RunMemory(int threads);
 

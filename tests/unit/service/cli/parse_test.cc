@@ -84,6 +84,18 @@ TEST(Parse, WindowsAndARateAnAxis) {
   EXPECT_THAT(bad.text, HasSubstr("--rate: rate 9,0,7 is outside its range, 1 to 65536"));
 }
 
+TEST(Parse, BenchTakesPictureFlagsAndRounds) {
+  const auto command = Parsed<BenchCommand>({"bench", "a.zarr", "--step", "3", "--rate", "25",
+                                             "--size", "64x32", "--threads", "2", "--rounds", "9"});
+  EXPECT_EQ(command.dataset, "a.zarr");
+  EXPECT_EQ(command.step, 3);
+  EXPECT_EQ(command.spec.rate, 25);
+  EXPECT_EQ(command.spec.height_px, 32);
+  EXPECT_EQ(command.threads, 2);
+  EXPECT_EQ(command.rounds, 9);
+  EXPECT_EQ(ParseCommandLine({"bench", "a.zarr", "--rounds", "0"}).exit_status, 2);
+}
+
 TEST(Parse, NothingSaidIsNothingSet) {
   const auto command = Parsed<RenderCommand>({"render", "a.zarr", "-o", "f.npy"});
   frames::FrameSpec expected;
