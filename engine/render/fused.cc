@@ -217,7 +217,7 @@ class FusedTracer {
 Status TraceFused(CoefficientSource& source, CoefficientSource* color, const RetainedSet& retained,
                   const ShearView& view, const Matrix4& index_to_world,
                   const RenderSettings& settings, TraceScratch* scratch, FusedStats* stats) {
-  if (source.basis() != Basis{} || (color != nullptr && color->basis() != Basis{})) {
+  if (source.basis() != fovea::Basis{} || (color != nullptr && color->basis() != fovea::Basis{})) {
     return FailedPrecondition(
         "fused rendering is for Haar coefficients in float32; render two-phase instead");
   }

@@ -12,8 +12,6 @@
 namespace fovea::server {
 namespace {
 
-/// Memory per pixel while a frame is made: the picture as floats, its sheared and smoothed forms,
-/// and its bytes. Per super-voxel: itself, and the coefficients it is made of.
 /// No compressed picture is larger than this per pixel.
 constexpr int64_t kCompressedBytesPerPixel = 4;
 /// Spec, statistics, bookkeeping.
