@@ -168,6 +168,9 @@ void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec) {
   AddParsed(app, "--smoothing", "S", ParseSmoothing, Into(&spec->smoothing),
             "none (staircase), image, or full")
       ->group(kPictureGroup);
+  AddParsed(app, "--basis", "B", ParseBasis, Into(&spec->basis),
+            "What smoothing interpolates with: bilinear (default) or bspline (no creases, slower)")
+      ->group(kPictureGroup);
   AddParsed(app, "--background", "R,G,B", ParseColor, Into(&spec->background),
             "Linear colour behind the volume in .png, .jpg and movies (default 0,0,0)")
       ->group(kPictureGroup);

@@ -204,6 +204,15 @@ StatusOr<render::Smoothing> ParseSmoothing(std::string_view text) {
   return InvalidArgument("'{}' is not none, image or full", text);
 }
 
+StatusOr<render::Basis> ParseBasis(std::string_view text) {
+  for (const auto basis : {render::Basis::kBilinear, render::Basis::kBspline}) {
+    if (text == BasisName(basis)) {
+      return basis;
+    }
+  }
+  return InvalidArgument("'{}' is not bilinear or bspline", text);
+}
+
 StatusOr<render::Color> ParseColor(std::string_view text) {
   std::array<float, 3> parts{};
   if (!ReadList<float>(text, ',', parts)) {
@@ -279,6 +288,10 @@ const char* SmoothingName(render::Smoothing smoothing) {
   return "full";
 }
 
+const char* BasisName(render::Basis basis) {
+  return basis == render::Basis::kBspline ? "bspline" : "bilinear";
+}
+
 std::string ShellQuote(const std::string& text) {
   constexpr std::string_view kPlain =
       "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_,.:/=+-@%";
@@ -323,6 +336,9 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
   }
   if (resolved.reconstruction == Reconstruction::kFast) {
     flags += " --reconstruction fast";
+  }
+  if (resolved.basis.value_or(render::Basis::kBilinear) != render::Basis::kBilinear) {
+    flags += fmt::format(" --basis {}", BasisName(*resolved.basis));
   }
   const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
                     static_cast<double>(dims.z) / 2};

@@ -51,6 +51,8 @@ struct Shard {
 /// 'none', 'image' or 'full'.
 [[nodiscard]] StatusOr<Reconstruction> ParseReconstruction(std::string_view text);
 [[nodiscard]] StatusOr<render::Smoothing> ParseSmoothing(std::string_view text);
+/// 'bilinear' or 'bspline'.
+[[nodiscard]] StatusOr<render::Basis> ParseBasis(std::string_view text);
 /// 'R,G,B', linear, 0 to 1.
 [[nodiscard]] StatusOr<render::Color> ParseColor(std::string_view text);
 /// 'V:R,G,B:A;...', the same as JSON, or the name of a file that ends in .json: NOT_FOUND or
@@ -62,6 +64,7 @@ struct Shard {
 [[nodiscard]] const char* WindowName(WindowShape window);
 [[nodiscard]] const char* ReconstructionName(Reconstruction how);
 [[nodiscard]] const char* SmoothingName(render::Smoothing smoothing);
+[[nodiscard]] const char* BasisName(render::Basis basis);
 
 /// The text as one word of a POSIX shell.
 [[nodiscard]] std::string ShellQuote(const std::string& text);

@@ -73,6 +73,7 @@ render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads) 
   settings.transfer = *resolved.transfer;
   settings.weighting = *resolved.weighting;
   settings.smoothing = *resolved.smoothing;
+  settings.basis = resolved.basis.value_or(render::Basis::kBilinear);
   settings.width_px = static_cast<int>(*resolved.width_px);
   settings.height_px = static_cast<int>(*resolved.height_px);
   settings.threads = threads;

@@ -80,6 +80,7 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
   spec.transfer = render::DefaultTransferFunction(sampled.stats, info.hierarchy);
   spec.weighting = render::Weighting{};
   spec.smoothing = render::Smoothing::kFull;
+  spec.basis = render::Basis::kBilinear;
   spec.width_px = 512;
   spec.height_px = 512;
   spec.jpeg_quality = 90;
@@ -186,6 +187,7 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   TakeDefault(&resolved.transfer, fallback.transfer);
   TakeDefault(&resolved.weighting, fallback.weighting);
   TakeDefault(&resolved.smoothing, fallback.smoothing);
+  TakeDefault(&resolved.basis, fallback.basis);
   TakeDefault(&resolved.width_px, fallback.width_px);
   TakeDefault(&resolved.height_px, fallback.height_px);
   TakeDefault(&resolved.jpeg_quality, fallback.jpeg_quality);

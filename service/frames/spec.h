@@ -52,6 +52,7 @@ struct FrameSpec {
   std::optional<render::TransferFunction> transfer;
   std::optional<render::Weighting> weighting;
   std::optional<render::Smoothing> smoothing;
+  std::optional<render::Basis> basis;
   std::optional<int64_t> width_px, height_px;  // 1 to 16384; default 512
   Encoding encoding = Encoding::kPng;
   std::optional<int64_t> jpeg_quality;      // 1 to 100; default 90

@@ -152,6 +152,9 @@ json SpecToJson(const FrameSpec& spec) {
   if (spec.smoothing) {
     result["smoothing"] = SmoothingToJson(*spec.smoothing);
   }
+  if (spec.basis) {
+    result["basis"] = *spec.basis == render::Basis::kBspline ? "BASIS_BSPLINE" : "BASIS_BILINEAR";
+  }
   if (spec.width_px) {
     result["width_px"] = *spec.width_px;
   }

@@ -105,6 +105,10 @@ v1::Reconstruction ToProto(Reconstruction how) {
   return how == Reconstruction::kFast ? v1::RECONSTRUCTION_FAST : v1::RECONSTRUCTION_EXACT;
 }
 
+v1::Basis ToProto(render::Basis basis) {
+  return basis == render::Basis::kBspline ? v1::BASIS_BSPLINE : v1::BASIS_BILINEAR;
+}
+
 v1::WindowShape ToProto(WindowShape window) {
   switch (window) {
     case WindowShape::kCube:
@@ -258,6 +262,19 @@ StatusOr<std::optional<Reconstruction>> FromProto(v1::Reconstruction proto,
   }
 }
 
+StatusOr<std::optional<render::Basis>> FromProto(v1::Basis proto, const std::string& path) {
+  switch (proto) {
+    case v1::BASIS_UNSPECIFIED:
+      return std::optional<render::Basis>();
+    case v1::BASIS_BILINEAR:
+      return std::optional(render::Basis::kBilinear);
+    case v1::BASIS_BSPLINE:
+      return std::optional(render::Basis::kBspline);
+    default:
+      return UnknownEnum(path, proto, "BASIS_BILINEAR, BASIS_BSPLINE");
+  }
+}
+
 StatusOr<std::optional<WindowShape>> FromProto(v1::WindowShape proto, const std::string& path) {
   switch (proto) {
     case v1::WINDOW_SHAPE_UNSPECIFIED:
@@ -318,6 +335,7 @@ Status ScalarsFromProto(const v1::FrameSpec& proto, const std::string& path,
   spec->strict = proto.strict();
   FOVEA_ASSIGN_OR_RETURN(spec->encoding, EncodingFromProto(proto.encoding(), path + ".encoding"));
   FOVEA_ASSIGN_OR_RETURN(spec->smoothing, FromProto(proto.smoothing(), path + ".smoothing"));
+  FOVEA_ASSIGN_OR_RETURN(spec->basis, FromProto(proto.basis(), path + ".basis"));
   FOVEA_ASSIGN_OR_RETURN(spec->window, FromProto(proto.window(), path + ".window"));
   FOVEA_ASSIGN_OR_RETURN(spec->reconstruction,
                          FromProto(proto.reconstruction(), path + ".reconstruction"));
@@ -420,6 +438,9 @@ v1::FrameSpec ToProto(const frames::FrameSpec& spec) {
   }
   if (spec.smoothing) {
     proto.set_smoothing(ToProto(*spec.smoothing));
+  }
+  if (spec.basis) {
+    proto.set_basis(ToProto(*spec.basis));
   }
   if (spec.width_px) {
     proto.set_width_px(static_cast<uint32_t>(*spec.width_px));

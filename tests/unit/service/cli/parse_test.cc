@@ -72,10 +72,11 @@ TEST(Parse, PerspectiveViews) {
 }
 
 TEST(Parse, WindowsAndARateAnAxis) {
-  const auto render = Parsed<RenderCommand>(
-      {"render", "a.zarr", "--rate", "9,8,7", "--window", "smooth", "-o", "f.png"});
+  const auto render = Parsed<RenderCommand>({"render", "a.zarr", "--rate", "9,8,7", "--window",
+                                             "smooth", "--basis", "bspline", "-o", "f.png"});
   EXPECT_EQ(render.spec.rate, Rate(9, 8, 7));
   EXPECT_EQ(render.spec.window, WindowShape::kSmooth);
+  EXPECT_EQ(render.spec.basis, render::Basis::kBspline);
   const auto extract =
       Parsed<ExtractCommand>({"extract", "a.zarr", "--window", "sphere", "-o", "x.npy"});
   EXPECT_EQ(extract.window, WindowShape::kSphere);

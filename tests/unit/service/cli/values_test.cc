@@ -67,6 +67,10 @@ TEST(Values, ShardsWeightingsSmoothingsColours) {
     EXPECT_STREQ(ReconstructionName(*ParseReconstruction(text)), text);
   }
   ExpectBad(ParseReconstruction, {"", "quick"});
+  for (const char* text : {"bilinear", "bspline"}) {
+    EXPECT_STREQ(BasisName(*ParseBasis(text)), text);
+  }
+  ExpectBad(ParseBasis, {"", "linear", "B-spline"});
   EXPECT_EQ(*ParseColor("0,0.5,1"), (render::Color{0, 0.5F, 1}));
   ExpectBad(ParseColor, {"red", "1,1", "1,1,1,1"});
 }

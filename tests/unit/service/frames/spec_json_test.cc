@@ -17,6 +17,7 @@ TEST(SpecJson, HasTheProtosNamesAndOnlyWhatIsThere) {
   spec.weighting = render::Weighting{render::Weighting::Kind::kFalloff, 0.05};
   spec.smoothing = render::Smoothing::kImage;
   spec.reconstruction = Reconstruction::kFast;
+  spec.basis = render::Basis::kBspline;
   spec.encoding = Encoding::kRawRgbaF32;
   const auto expected = nlohmann::json::parse(R"({
     "rate": 40.0, "encoding": "RAW_RGBA_F32", "fovea_marker": false, "strict": false,
@@ -26,7 +27,8 @@ TEST(SpecJson, HasTheProtosNamesAndOnlyWhatIsThere) {
     "transfer_function": {"points": [
       {"value": 0.5, "color": {"red": 1.0, "green": 0.25, "blue": 0.0}, "opacity": 0.1}]},
     "weighting": {"kind": "FALLOFF", "falloff_per_voxel": 0.05},
-    "reconstruction": "RECONSTRUCTION_FAST", "smoothing": "SMOOTHING_IMAGE"})");
+    "reconstruction": "RECONSTRUCTION_FAST", "smoothing": "SMOOTHING_IMAGE",
+    "basis": "BASIS_BSPLINE"})");
   EXPECT_EQ(SpecToJson(spec), expected) << SpecToJson(spec).dump(1);
 }
 

@@ -75,6 +75,7 @@ TEST(SpecTest, EveryWindowAndARateAnAxisSurviveTheRoundTrip) {
     spec.rate = {40, 12.5, 8};
     spec.reconstruction =
         window == WindowShape::kCube ? Reconstruction::kExact : Reconstruction::kFast;
+    spec.basis = window == WindowShape::kCube ? render::Basis::kBspline : render::Basis::kBilinear;
     ASSERT_OK_AND_ASSIGN(const frames::FrameSpec back, RoundTrip(spec));
     EXPECT_EQ(back, spec);
   }
@@ -126,6 +127,7 @@ const BadSpec kBadSpecs[] = {
      }},
     {"spec.reconstruction", "9",
      [](v1::FrameSpec* s) { s->set_reconstruction(v1::Reconstruction(9)); }},
+    {"spec.basis", "9", [](v1::FrameSpec* s) { s->set_basis(v1::Basis(9)); }},
     {"spec.window", "9", [](v1::FrameSpec* s) { s->set_window(v1::WindowShape(9)); }},
     {"spec.width_px", "1 to 16384", [](v1::FrameSpec* s) { s->set_width_px(100'000); }},
     {"spec.width_px", "width_px 0", [](v1::FrameSpec* s) { s->set_width_px(0); }},
