@@ -243,8 +243,9 @@ TEST_F(RawTest, LosslessIsLossless) {
     std::string bytes;
     std::vector<float> values;
     for (int i = 0; i < 45 * 38 * 21; ++i) {  // extremes: the largest coefficients there can be
-      const double value =
-          random() % 3 == 0 ? random() % 2 * (range - 1) : random() % 65536 % range;
+      const double value = random() % 3 == 0
+                               ? random() % 2 * (range - 1)
+                               : static_cast<double>(random() % static_cast<uint64_t>(range));
       values.push_back(static_cast<float>(value - (is_signed ? range / 2 : 0)));
       AppendAs(type, values.back(), false, &bytes);
     }

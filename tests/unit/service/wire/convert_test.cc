@@ -16,7 +16,7 @@ using ::fovea::testing::FailsWith;
 frames::FrameSpec FullSpec() {
   frames::FrameSpec spec;
   spec.field = "density";
-  spec.view = {12.5, -90.0, frames::Position{{1, 2.5, -3}, true}, 77.25};
+  spec.view = {12.5, -90.0, frames::Position{{1, 2.5, -3}, true}, 77.25, {}};
   spec.fovea = frames::Position{{4, 5, 6.125}, false};
   spec.rate = 40.5;
   spec.transfer = render::TransferFunction{
