@@ -96,6 +96,26 @@ class Export(support.FoveaTest):
                    out / "turned.npy")
         np.testing.assert_array_equal(np.load(out / "turned.npy"), np.load(out / "o.1.npy"))
 
+    def test_cameras_move_and_orbit(self):
+        shot = self.folder / "flight.json"
+        shot.write_text(json.dumps({"frames": 3, "keys": [
+            {"frame": 0, "eye": [-60, 18, 30], "target": [18, 18, 30], "fov": 40},
+            {"frame": 2, "eye": [10, 18, 40], "fov": 80}]}))
+        out = self.folder / "flown"
+        self.assertEqual(self.export("--animation", shot, "--steps", 9, "-o", out / "a.#.npy")
+                         ["frames_made"], 3)
+        self.fovea("render", self.store, "--size", "65x49", "--step", 9, "--eye", "-25,18,35",
+                   "--target", "18,18,30", "--fov", 60, "-o", out / "middle.npy")
+        middle = np.load(out / "middle.npy")
+        self.assertGreater(middle.max(), 0)
+        np.testing.assert_array_equal(middle, np.load(out / "a.1.npy"))
+        report = self.export("--orbit", 360, "--orbit-frames", 2, "--steps", 9, "--eye",
+                             "-60,18,30", "--target", "18,18,30", "-o", out / "o.#.npy")
+        self.assertEqual(report["frames_made"], 2)
+        self.fovea("render", self.store, "--size", "65x49", "--step", 9, "--eye", "96,18,30",
+                   "--target", "18,18,30", "-o", out / "turned.npy")
+        np.testing.assert_allclose(np.load(out / "turned.npy"), np.load(out / "o.1.npy"), atol=1e-4)
+
     def test_a_demo_needs_no_data(self):
         out = self.folder / "demo"
         report = self.fovea_json("demo", "--out", out, "--edge", 32, "--steps", 3)

@@ -45,7 +45,10 @@ class Serve(support.FoveaTest):
     def test_render_gives_the_same_bytes(self):
         for name, flags in (("a.png", []), ("b.jpg", ["--quality", 70, "--fovea-marker"]),
                             ("c.npy", ["--field", "temperature", "--smoothing", "none"]),
-                            ("d.png", ["--fovea", "0.5,0.5,0.5w", "--weighting", "falloff:0.1"])):
+                            ("d.png", ["--fovea", "0.5,0.5,0.5w", "--weighting", "falloff:0.1"]),
+                            ("e.npy", ["--eye", "-30,12,60", "--fov", 60, "--up", "0,1,0"]),
+                            ("f.png", ["--eye", "0.5,0.5,0.5w", "--target", "0,0,9",
+                                       "--fovea-marker"])):
             flags += ["--step", 9, "--size", "64x48"]
             served, local = self.folder / f"served_{name}", self.folder / f"local_{name}"
             report = self.ask("render", "lab/plume", *flags, "-o", served)
@@ -78,6 +81,7 @@ class Serve(support.FoveaTest):
             self.assertFalse(out.exists())
 
         refused("../root/lab/plume", says=["no dataset"])
+        refused("lab/plume", "--eye", "9,9,9", "--target", "9,9,9", says=["--target", "itself"])
         refused("lab/../lab/plume", says=["no dataset"])
         refused("plum", says=["plum"])
         refused("lab/plume", "--step", 15, says=["--step", "step 15", "0 to 14"])
