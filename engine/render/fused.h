@@ -16,6 +16,7 @@ struct FusedStats {
   uint64_t samples = 0;
   double read_ms = 0;         // time in the sources
   double reconstruct_ms = 0;  // inverse transform
+  double smooth_warp_ms = 0;  // RenderFused only
   double total_ms = 0;        // the whole frame; RenderFused only
   uint64_t peak_bytes = 0;    // of slices and detail held at one time
 };

@@ -40,19 +40,19 @@ Status Validate(const Clip& clip) {
     for (int axis = 0; axis < 3; ++axis) {
       if (!(low[axis] < high[axis]) || !std::isfinite(high[axis] - low[axis])) {
         return InvalidArgument(
-            "clip box: its {} runs from {} to {}; it must grow, in finite numbers", "xyz"[axis],
+            "clip_box: its {} runs from {} to {}; it must grow, in finite numbers", "xyz"[axis],
             low[axis], high[axis]);
       }
     }
   }
   if (clip.planes.size() > kMostClipPlanes) {
-    return InvalidArgument("{} clip planes; there may be at most {}", clip.planes.size(),
+    return InvalidArgument("clip_plane: {} of them; there may be at most {}", clip.planes.size(),
                            kMostClipPlanes);
   }
   for (const ClipPlane& plane : clip.planes) {
     if (!IsFinite(plane.normal) || !std::isfinite(plane.offset) || !(Length(plane.normal) > 0)) {
       return InvalidArgument(
-          "clip plane {},{},{},{}: it needs a normal of some length and finite "
+          "clip_plane {},{},{},{}: it needs a normal of some length and finite "
           "numbers",
           plane.normal.x, plane.normal.y, plane.normal.z, plane.offset);
     }
@@ -199,8 +199,10 @@ StatusOr<Image> RenderFused(CoefficientSource& source, const RetainedSet& retain
                                    &scratch.trace, &counted));
   CombineLayers(dims, view, settings, &scratch);
   Image image;
+  const Stopwatch expand_watch;
   Expand(scratch.frame, settings.width_px, settings.height_px, settings.smoothing, settings.basis,
          settings.threads, &scratch.expand, &image);
+  counted.smooth_warp_ms = expand_watch.ElapsedMs();
   counted.total_ms = watch.ElapsedMs();
   if (stats != nullptr) {
     *stats = counted;

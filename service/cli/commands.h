@@ -122,10 +122,9 @@ struct DemoCommand {
   int threads = 0;
 };
 
-using Command =
-    std::variant<IngestCommand, InfoCommand, StatsCommand, VerifyCommand, ExtractCommand,
-                 PlanCommand, RenderCommand, ExportCommand, BenchCommand, ServeCommand,
-                 DemoCommand>;
+using Command = std::variant<IngestCommand, InfoCommand, StatsCommand, VerifyCommand,
+                             ExtractCommand, PlanCommand, RenderCommand, ExportCommand,
+                             BenchCommand, ServeCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {

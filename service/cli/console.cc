@@ -71,7 +71,7 @@ void PrintError(std::string_view message) {
 }
 
 std::string WithFlag(const Status& error) {
-  constexpr std::array<std::array<std::string_view, 2>, 23> kFlags = {{
+  constexpr std::array<std::array<std::string_view, 2>, 31> kFlags = {{
       {"field", "--field"},
       {"fovea", "--fovea"},
       {"rate", "--rate"},
@@ -86,6 +86,14 @@ std::string WithFlag(const Status& error) {
       {"fov_y_deg", "--fov"},
       {"transfer_function", "--transfer"},
       {"falloff_per_voxel", "--weighting"},
+      {"weighting", "--weighting"},
+      {"compositing", "--compositing"},
+      {"lighting", "--lighting"},
+      {"clip_box", "--clip-box"},
+      {"clip_plane", "--clip-plane"},
+      {"color_field", "--color-field"},
+      {"color_transfer_function", "--color-transfer"},
+      {"mode", "--mode"},
       {"width_px", "--size"},
       {"height_px", "--size"},
       {"jpeg_quality", "--quality"},
@@ -105,7 +113,7 @@ std::string WithFlag(const Status& error) {
     const size_t colon = rest.find(": ");
     rest = colon == std::string_view::npos ? rest : rest.substr(colon + 2);
   }
-  const std::string_view word = rest.substr(0, rest.find_first_of(" :'"));
+  const std::string_view word = rest.substr(0, rest.find_first_of(" :'."));
   for (const auto& [field, flag] : kFlags) {
     if (word == field) {
       return fmt::format("{}: {}", flag, message);

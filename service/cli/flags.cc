@@ -81,6 +81,70 @@ void AddView(CLI::App* app, frames::ViewSpec* view) {
   AddPerspective(app, view);
 }
 
+/// The numbers of one flag, the direction of the other.
+void AddLighting(CLI::App* app, std::optional<render::Lighting>* lighting) {
+  AddParsed(
+      app, "--lighting", "A,D,S[,N]", ParseLighting,
+      [lighting](const render::Lighting& parts) {
+        const Vec3 to_light = *lighting ? (*lighting)->to_light : Vec3{};
+        *lighting = parts;
+        (*lighting)->to_light = to_light;
+      },
+      "Light surfaces: ambient, diffuse and specular part, 0 to 1, and shininess, 1 to 256 (alone: "
+      "0.3,0.7,0.2,16)")
+      ->expected(0, 1)
+      ->group(kPictureGroup);
+  AddParsed(
+      app, "--light", "X,Y,Z", ParseDirection,
+      [lighting](const Vec3& to_light) {
+        *lighting = lighting->value_or(*ParseLighting(""));
+        (*lighting)->to_light = to_light;
+      },
+      "Lighting from there, a direction in the world (default: beside the viewer)")
+      ->group(kPictureGroup);
+}
+
+void AddClip(CLI::App* app, frames::ClipSpec* clip) {
+  AddParsed(app, "--clip-box", "X0,Y0,Z0,X1,Y1,Z1[w]", ParseClipBox, Into(&clip->box),
+            "Show only what lies in this box")
+      ->group(kPictureGroup);
+  const auto on_planes = [clip](const std::vector<std::string>& texts) {
+    for (const std::string& text : texts) {
+      auto plane = ParseClipPlane(text);
+      if (!plane.ok()) {
+        throw CLI::ValidationError(fmt::format("--clip-plane: {}", MessageOf(plane.status())), 2);
+      }
+      clip->planes.push_back(*plane);
+    }
+  };
+  app->add_option_function<std::vector<std::string>>(
+         "--clip-plane", on_planes,
+         "Show only where N . (x,y,z) >= OFFSET; may be given up to 6 times")
+      ->allow_extra_args(false)
+      ->type_name("NX,NY,NZ,OFFSET[w]")
+      ->group(kPictureGroup);
+}
+
+/// What shades, cuts and colours.
+void AddOptions(CLI::App* app, frames::FrameSpec* spec) {
+  AddParsed(app, "--compositing", "C", ParseCompositing, Into(&spec->compositing),
+            "emission, or maximum: the largest value along each ray")
+      ->group(kPictureGroup);
+  AddLighting(app, &spec->lighting);
+  AddClip(app, &spec->clip);
+  app->add_option("--color-field", spec->color_field,
+                  "A second field that gives the colours, while --field gives opacity")
+      ->type_name("F")
+      ->group(kPictureGroup);
+  AddParsed(app, "--color-transfer", "TF", ParseTransfer, Into(&spec->color_transfer),
+            "Transfer function of --color-field; its opacities are not used")
+      ->group(kPictureGroup);
+  AddParsed(app, "--mode", "M", ParseMode, Into(&spec->mode),
+            "two-phase, fused (super-voxels are made as rays reach them: less memory; Haar only) "
+            "or auto")
+      ->group(kPictureGroup);
+}
+
 StatusOr<ingest::OnMissing> ParseOnMissing(const std::string& text) {
   if (text == "error") {
     return ingest::OnMissing::kError;
@@ -171,6 +235,7 @@ void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec) {
   AddParsed(app, "--basis", "B", ParseBasis, Into(&spec->basis),
             "What smoothing interpolates with: bilinear (default) or bspline (no creases, slower)")
       ->group(kPictureGroup);
+  AddOptions(app, spec);
   AddParsed(app, "--background", "R,G,B", ParseColor, Into(&spec->background),
             "Linear colour behind the volume in .png, .jpg and movies (default 0,0,0)")
       ->group(kPictureGroup);

@@ -325,6 +325,12 @@ Status Check(ExtractCommand* command) {
 }
 
 Status Check(BenchCommand* command) {
+  if (command->spec.color_field) {
+    return InvalidArgument("color_field: a benchmark measures one field; leave it out");
+  }
+  if (command->spec.mode) {
+    return InvalidArgument("mode: a benchmark measures both; leave it out");
+  }
   return frames::ValidateSpec(command->spec);
 }
 

@@ -1,61 +1,11 @@
 #include "service/cli/values.h"
 
 #include <array>
-#include <charconv>
 #include <fstream>
-#include <iterator>
-#include <span>
-#include <system_error>
-#include <vector>
+
+#include "service/cli/number_list.h"
 
 namespace fovea::cli {
-namespace {
-
-/// The whole of `text` as a number, or nothing.
-template <typename T>
-std::optional<T> Number(std::string_view text) {
-  if (text.starts_with('+')) {
-    text.remove_prefix(1);
-  }
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) {
-    return std::nullopt;
-  }
-  return value;
-}
-
-std::string_view Trimmed(std::string_view text) {
-  while (!text.empty() && text.front() == ' ') {
-    text.remove_prefix(1);
-  }
-  while (!text.empty() && text.back() == ' ') {
-    text.remove_suffix(1);
-  }
-  return text;
-}
-
-/// Exactly out.size() numbers with `separator` between them.
-template <typename T>
-bool ReadList(std::string_view text, char separator, std::span<T> out) {
-  for (size_t i = 0; i < out.size(); ++i) {
-    const size_t end = text.find(separator);
-    const bool last = i + 1 == out.size();
-    if (last != (end == std::string_view::npos)) {
-      return false;
-    }
-    const std::optional<T> value = Number<T>(Trimmed(text.substr(0, end)));
-    if (!value) {
-      return false;
-    }
-    out[i] = *value;
-    text.remove_prefix(last ? text.size() : end + 1);
-  }
-  return true;
-}
-
-}  // namespace
-
 StatusOr<double> ParseNumber(std::string_view text) {
   const std::optional<double> value = Number<double>(Trimmed(text));
   if (!value) {
@@ -340,6 +290,7 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
   if (resolved.basis.value_or(render::Basis::kBilinear) != render::Basis::kBilinear) {
     flags += fmt::format(" --basis {}", BasisName(*resolved.basis));
   }
+  flags += OptionFlags(resolved);
   const Vec3 middle{static_cast<double>(dims.x) / 2, static_cast<double>(dims.y) / 2,
                     static_cast<double>(dims.z) / 2};
   if (!resolved.view.perspective && resolved.view.center->at != middle) {

@@ -59,6 +59,19 @@ struct Shard {
 /// FAILED_PRECONDITION if that is what is wrong.
 [[nodiscard]] StatusOr<render::TransferFunction> ParseTransfer(const std::string& text);
 
+/// 'emission' or 'maximum'.
+[[nodiscard]] StatusOr<render::Compositing> ParseCompositing(std::string_view text);
+/// 'AMBIENT,DIFFUSE,SPECULAR[,SHININESS]'; '' for the defaults. Always enabled.
+[[nodiscard]] StatusOr<render::Lighting> ParseLighting(std::string_view text);
+/// 'X,Y,Z': a direction in the world.
+[[nodiscard]] StatusOr<Vec3> ParseDirection(std::string_view text);
+/// 'X0,Y0,Z0,X1,Y1,Z1' in voxels, with a trailing w in world units.
+[[nodiscard]] StatusOr<frames::ClipBox> ParseClipBox(std::string_view text);
+/// 'NX,NY,NZ,OFFSET' in voxels, with a trailing w in world units.
+[[nodiscard]] StatusOr<frames::ClipPlane> ParseClipPlane(std::string_view text);
+/// 'two-phase', 'fused' or 'auto'.
+[[nodiscard]] StatusOr<frames::Mode> ParseMode(std::string_view text);
+
 [[nodiscard]] std::string FormatPosition(const frames::Position& position);
 [[nodiscard]] std::string FormatWeighting(const render::Weighting& weighting);
 [[nodiscard]] const char* WindowName(WindowShape window);
@@ -68,6 +81,10 @@ struct Shard {
 
 /// The text as one word of a POSIX shell.
 [[nodiscard]] std::string ShellQuote(const std::string& text);
+
+/// The part of PinningFlags that shades, cuts and colours, each flag with a space before it; empty
+/// where nothing was asked for.
+[[nodiscard]] std::string OptionFlags(const frames::FrameSpec& resolved);
 
 /// The flags that ask for exactly this picture again. `resolved` has nothing left to default;
 /// what every dataset would choose alike (black background, the middle as centre) is left out.

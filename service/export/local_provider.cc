@@ -1,8 +1,10 @@
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <system_error>
 
+#include "engine/base/parallel.h"
 #include "service/export/frame_provider.h"
 #include "service/frames/frames.h"
 
@@ -45,11 +47,25 @@ class LocalProvider final : public FrameProvider {
   Status RenderEach(const std::vector<int64_t>& steps, const frames::FrameSpec& spec,
                     const std::function<Status(const frames::Frame&)>& on_frame) override {
     FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec resolved, Resolve(spec));
-    for (size_t i = 0; i < steps.size(); ++i) {
-      FOVEA_ASSIGN_OR_RETURN(frames::Frame frame,
-                             frames::RenderFrame(*dataset_, name_, steps[i], resolved, threads_));
-      frame.index = i;
-      FOVEA_RETURN_IF_ERROR(on_frame(frame));
+    // A fused frame is one thread's work: each thread gets one of its own.
+    const bool one_each = resolved.mode == frames::Mode::kFused;
+    const size_t at_once =
+        one_each ? static_cast<size_t>(threads_ > 0 ? threads_ : HardwareThreads()) : 1;
+    for (size_t begin = 0; begin < steps.size(); begin += at_once) {
+      const size_t end = std::min(begin + at_once, steps.size());
+      std::vector<StatusOr<frames::Frame>> made(end - begin);
+      ParallelFor(0, static_cast<int64_t>(made.size()), 1, threads_,
+                  [&](int64_t first, int64_t last) {
+                    for (auto i = static_cast<size_t>(first); i < static_cast<size_t>(last); ++i) {
+                      made[i] = frames::RenderFrame(*dataset_, name_, steps[begin + i], resolved,
+                                                    one_each ? 1 : threads_);
+                    }
+                  });
+      for (size_t i = 0; i < made.size(); ++i) {
+        FOVEA_RETURN_IF_ERROR(made[i].status());
+        made[i]->index = begin + i;
+        FOVEA_RETURN_IF_ERROR(on_frame(*made[i]));
+      }
     }
     return absl::OkStatus();
   }

@@ -3,11 +3,13 @@
 #include <unistd.h>
 
 #include <array>
+#include <memory>
 #include <optional>
 #include <utility>
 
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/fused.h"
 #include "engine/render/perspective.h"
 #include "service/frames/encode.h"
 #include "service/frames/marker.h"
@@ -47,10 +49,68 @@ std::optional<std::array<double, 2>> PixelOf(const Vec3& point,
                                 settings.width_px, settings.height_px, point);
 }
 
+/// The fields of one step that a frame shows.
+struct Sources {
+  std::unique_ptr<store::StepSource> value;
+  std::unique_ptr<store::StepSource> color;  // may be null
+};
+
+StatusOr<Sources> OpenSources(store::Dataset& dataset, int64_t step, const FrameSpec& resolved) {
+  const auto on_damage = resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount;
+  Sources sources;
+  FOVEA_ASSIGN_OR_RETURN(sources.value, dataset.OpenStep(step, *resolved.field, on_damage));
+  if (resolved.color_field) {
+    FOVEA_ASSIGN_OR_RETURN(sources.color, dataset.OpenStep(step, *resolved.color_field, on_damage));
+  }
+  return sources;
+}
+
+StatusOr<render::Image> RenderTwoPhase(const Sources& sources, const RetainedSet& retained,
+                                       const Matrix4& index_to_world,
+                                       const render::RenderSettings& settings, Reconstruction how,
+                                       FrameStats* stats) {
+  ReconstructStats times;
+  FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
+                         Reconstruct(*sources.value, retained, settings.threads, &times, how));
+  SuperVoxels colors;
+  if (sources.color != nullptr) {
+    ReconstructStats more;
+    FOVEA_ASSIGN_OR_RETURN(colors,
+                           Reconstruct(*sources.color, retained, settings.threads, &more, how));
+    times.read_ms += more.read_ms;
+    times.reconstruct_ms += more.reconstruct_ms;
+  }
+  render::RenderStats rendered;
+  FOVEA_ASSIGN_OR_RETURN(render::Image image,
+                         render::RenderFoveated(volume, index_to_world, settings, &rendered,
+                                                sources.color != nullptr ? &colors : nullptr));
+  stats->samples = rendered.samples;
+  stats->read_ms = times.read_ms;
+  stats->reconstruct_ms = times.reconstruct_ms;
+  stats->render_ms = rendered.render_ms;
+  stats->smooth_warp_ms = rendered.smooth_warp_ms;
+  return image;
+}
+
+StatusOr<render::Image> RenderFused(const Sources& sources, const RetainedSet& retained,
+                                    const Matrix4& index_to_world,
+                                    const render::RenderSettings& settings, FrameStats* stats) {
+  render::FusedStats fused;
+  FOVEA_ASSIGN_OR_RETURN(render::Image image,
+                         render::RenderFused(*sources.value, retained, index_to_world, settings,
+                                             &fused, sources.color.get()));
+  stats->samples = fused.samples;
+  stats->read_ms = fused.read_ms;
+  stats->reconstruct_ms = fused.reconstruct_ms;
+  stats->smooth_warp_ms = fused.smooth_warp_ms;
+  stats->render_ms = fused.total_ms - fused.read_ms - fused.reconstruct_ms - fused.smooth_warp_ms;
+  return image;
+}
+
 void AddReadStats(const store::ReadStats& read, const std::string& field, Frame* frame) {
-  frame->stats.chunks_read = read.chunks_read;
-  frame->stats.chunks_total = read.chunks_total;
-  frame->stats.bytes_read = read.bytes_read;
+  frame->stats.chunks_read += read.chunks_read;
+  frame->stats.chunks_total += read.chunks_total;
+  frame->stats.bytes_read += read.bytes_read;
   if (read.chunks_damaged > 0) {
     frame->warnings.push_back(
         {fmt::format("{} damaged chunks of '{}' at step {} were left out: coarser values show "
@@ -74,6 +134,10 @@ render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads) 
   settings.weighting = *resolved.weighting;
   settings.smoothing = *resolved.smoothing;
   settings.basis = resolved.basis.value_or(render::Basis::kBilinear);
+  settings.compositing = resolved.compositing.value_or(render::Compositing::kEmissionAbsorption);
+  settings.lighting = resolved.lighting.value_or(render::Lighting{});
+  settings.clip = EngineClip(resolved.clip);
+  settings.color_transfer = resolved.color_transfer.value_or(render::TransferFunction{});
   settings.width_px = static_cast<int>(*resolved.width_px);
   settings.height_px = static_cast<int>(*resolved.height_px);
   settings.threads = threads;
@@ -82,12 +146,15 @@ render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads) 
 
 double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
                   const FrameSpec& resolved) {
-  if (!resolved.view.perspective) {
-    return static_cast<double>(CountFrame(info, retained, resolved).memory_bytes);
-  }
   // Measured: 9 bytes a coefficient, 16 a pixel.
+  const double field_bytes = 10.0 * static_cast<double>(retained.CoefficientCount());
+  const double second_field_bytes = resolved.color_field ? field_bytes : 0;
+  if (!resolved.view.perspective) {
+    return second_field_bytes +
+           static_cast<double>(CountFrame(info, retained, resolved).memory_bytes);
+  }
   const render::RenderSettings settings = RenderSettingsOf(resolved, 0);
-  return 10.0 * static_cast<double>(retained.CoefficientCount()) +
+  return field_bytes + second_field_bytes +
          16.0 * static_cast<double>(*resolved.width_px * *resolved.height_px) +
          render::PerspectiveBytes(retained, *settings.perspective, info.index_to_world,
                                   settings.width_px, settings.height_px);
@@ -112,23 +179,22 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
   frame.encoding = resolved.encoding;
   FOVEA_ASSIGN_OR_RETURN(frame.time_ns, dataset.TimeNs(step));
   FOVEA_ASSIGN_OR_RETURN(frame.frame_number, dataset.FrameNumber(step));
-  FOVEA_ASSIGN_OR_RETURN(
-      const auto source,
-      dataset.OpenStep(step, *resolved.field,
-                       resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
+  FOVEA_ASSIGN_OR_RETURN(const Sources sources, OpenSources(dataset, step, resolved));
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
   FOVEA_RETURN_IF_ERROR(CheckMemory(info, retained, resolved));
 
-  ReconstructStats reconstruct_stats;
-  FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
-                         Reconstruct(*source, retained, threads, &reconstruct_stats,
-                                     resolved.reconstruction.value_or(Reconstruction::kExact)));
-  AddReadStats(source->read_stats(), *resolved.field, &frame);
   const render::RenderSettings settings = RenderSettingsOf(resolved, threads);
-  render::RenderStats render_stats;
-  FOVEA_ASSIGN_OR_RETURN(render::Image image, render::RenderFoveated(volume, info.index_to_world,
-                                                                     settings, &render_stats));
+  FOVEA_ASSIGN_OR_RETURN(
+      render::Image image,
+      resolved.mode == Mode::kFused
+          ? RenderFused(sources, retained, info.index_to_world, settings, &frame.stats)
+          : RenderTwoPhase(sources, retained, info.index_to_world, settings,
+                           resolved.reconstruction.value_or(Reconstruction::kExact), &frame.stats));
+  AddReadStats(sources.value->read_stats(), *resolved.field, &frame);
+  if (sources.color != nullptr) {
+    AddReadStats(sources.color->read_stats(), *resolved.color_field, &frame);
+  }
 
   Stopwatch watch;
   if (resolved.fovea_marker && resolved.encoding != Encoding::kRawRgbaF32) {
@@ -140,13 +206,9 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
                                               static_cast<int>(*resolved.jpeg_quality)));
   frame.width_px = image.width;
   frame.height_px = image.height;
-  frame.stats.coefficients = static_cast<uint64_t>(retained.CoefficientCount());
-  frame.stats.super_voxels = static_cast<uint64_t>(retained.SuperVoxelCount());
-  frame.stats.samples = render_stats.samples;
-  frame.stats.read_ms = reconstruct_stats.read_ms;
-  frame.stats.reconstruct_ms = reconstruct_stats.reconstruct_ms;
-  frame.stats.render_ms = render_stats.render_ms;
-  frame.stats.smooth_warp_ms = render_stats.smooth_warp_ms;
+  const uint64_t fields = sources.color != nullptr ? 2 : 1;
+  frame.stats.coefficients = fields * static_cast<uint64_t>(retained.CoefficientCount());
+  frame.stats.super_voxels = fields * static_cast<uint64_t>(retained.SuperVoxelCount());
   frame.stats.encode_ms = watch.ElapsedMs();
   return frame;
 }

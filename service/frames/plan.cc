@@ -35,6 +35,9 @@ std::string Excess(const FramePlan& plan, const FrameBudget& budget) {
 
 StatusOr<FramePlan> PlanFrame(store::Dataset& dataset, int64_t step, const FrameSpec& resolved,
                               int threads) {
+  if (resolved.color_field) {
+    return InvalidArgument("color_field: a plan counts one field; leave it out");
+  }
   if (resolved.view.perspective) {
     return InvalidArgument(
         "a plan counts orthographic views; leave out --eye, --target, --up and --fov");

@@ -49,6 +49,13 @@ double BackgroundOf(const FieldStats& stats) {
   return stats.minimum + (index + 0.5) * (stats.maximum - stats.minimum) / 256;
 }
 
+StatusOr<render::TransferFunction> DefaultTransferOfField(store::Dataset& dataset,
+                                                          const std::string& field) {
+  const store::DatasetInfo info = dataset.info();
+  FOVEA_ASSIGN_OR_RETURN(const Sampled sampled, SampleSteps(dataset, field, info.committed_steps));
+  return render::DefaultTransferFunction(sampled.stats, info.hierarchy);
+}
+
 StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& field) {
   const store::DatasetInfo info = dataset.info();
   if (info.committed_steps == 0) {
@@ -81,6 +88,8 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
   spec.weighting = render::Weighting{};
   spec.smoothing = render::Smoothing::kFull;
   spec.basis = render::Basis::kBilinear;
+  spec.compositing = render::Compositing::kEmissionAbsorption;
+  spec.mode = Mode::kTwoPhase;
   spec.width_px = 512;
   spec.height_px = 512;
   spec.jpeg_quality = 90;
@@ -88,7 +97,7 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
   return spec;
 }
 
-Status CheckField(const store::DatasetInfo& info, const std::string& field) {
+Status CheckField(const store::DatasetInfo& info, const char* name, const std::string& field) {
   std::string names;
   for (const store::FieldInfo& known : info.fields) {
     if (known.name == field) {
@@ -96,7 +105,7 @@ Status CheckField(const store::DatasetInfo& info, const std::string& field) {
     }
     names += (names.empty() ? "" : ", ") + known.name;
   }
-  return NotFound("field '{}' is not in this dataset; it has: {}", field, names);
+  return NotFound("{} '{}' is not in this dataset; it has: {}", name, field, names);
 }
 
 template <typename T>
@@ -106,16 +115,21 @@ void TakeDefault(std::optional<T>* value, const std::optional<T>& fallback) {
   }
 }
 
-Status ToVoxels(const char* name, const Matrix4& index_to_world,
-                std::optional<Position>* position) {
-  if (!(*position)->world) {
-    return absl::OkStatus();
-  }
+Status CheckInvertible(const char* name, const Matrix4& index_to_world) {
   if (index_to_world.Determinant() == 0) {
     return FailedPrecondition(
         "{} is given in world units, but the dataset's index_to_world has no inverse; give voxels",
         name);
   }
+  return absl::OkStatus();
+}
+
+Status ToVoxels(const char* name, const Matrix4& index_to_world,
+                std::optional<Position>* position) {
+  if (!(*position)->world) {
+    return absl::OkStatus();
+  }
+  FOVEA_RETURN_IF_ERROR(CheckInvertible(name, index_to_world));
   *position = Position{index_to_world.Inverse().TransformPoint((*position)->at)};
   return absl::OkStatus();
 }
@@ -138,6 +152,93 @@ Status CheckInside(const Position& given, const Vec3& voxels, const Int3& dims) 
           "fovea {}, {}, {}{} is outside the volume: x 0 to {}, y 0 to {}, z 0 to {} voxels",
           voxels.x, voxels.y, voxels.z, world, dims.x, dims.y, dims.z);
     }
+  }
+  return absl::OkStatus();
+}
+
+/// normal . (M p) >= offset in terms of p. A plane needs no inverse.
+ClipPlane PlaneInVoxels(const Vec3& normal, double offset, const Matrix4& m) {
+  ClipPlane plane;
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 step;
+    step[axis] = 1;
+    plane.normal[axis] = Dot(normal, m.TransformDirection(step));
+  }
+  plane.offset = offset - Dot(normal, m.TransformPoint({}));
+  return plane;
+}
+
+/// Whether boxes along the world's axes are boxes along the dataset's.
+bool KeepsBoxes(const Matrix4& m) {
+  constexpr double kRounding = 1e-12;
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 step;
+    step[axis] = 1;
+    const Vec3 to = m.TransformDirection(step);
+    const double largest = std::max({std::abs(to.x), std::abs(to.y), std::abs(to.z)});
+    if (std::abs(to.x) + std::abs(to.y) + std::abs(to.z) > (1 + kRounding) * largest) {
+      return false;
+    }
+  }
+  return true;
+}
+
+Status BoxToVoxels(const Matrix4& index_to_world, ClipSpec* clip) {
+  FOVEA_RETURN_IF_ERROR(CheckInvertible("clip_box", index_to_world));
+  const ClipBox box = *clip->box;
+  if (KeepsBoxes(index_to_world)) {
+    const Matrix4 inverse = index_to_world.Inverse();
+    const Vec3 a = inverse.TransformPoint(box.lower);
+    const Vec3 b = inverse.TransformPoint(box.upper);
+    clip->box = ClipBox{{std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)},
+                        {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}};
+    return absl::OkStatus();
+  }
+  if (clip->planes.size() + 6 > render::kMostClipPlanes) {
+    return InvalidArgument(
+        "clip_box in world units takes the place of all {} planes, as this dataset's axes are not "
+        "those of the world; give it in voxels, or no clip planes",
+        render::kMostClipPlanes);
+  }
+  clip->box.reset();
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 normal;
+    normal[axis] = 1;
+    clip->planes.push_back(PlaneInVoxels(normal, box.lower[axis], index_to_world));
+    clip->planes.push_back(PlaneInVoxels(-1 * normal, -box.upper[axis], index_to_world));
+  }
+  return absl::OkStatus();
+}
+
+Status ClipToVoxels(const Matrix4& index_to_world, ClipSpec* clip) {
+  for (ClipPlane& plane : clip->planes) {
+    if (plane.world) {
+      FOVEA_RETURN_IF_ERROR(CheckInvertible("clip_plane", index_to_world));
+      plane = PlaneInVoxels(plane.normal, plane.offset, index_to_world);
+    }
+  }
+  return clip->box && clip->box->world ? BoxToVoxels(index_to_world, clip) : absl::OkStatus();
+}
+
+/// `spec` has its fields.
+Status ResolveMode(const store::DatasetInfo& info, FrameSpec* spec) {
+  // Slices are made of Haar coefficients that are floats, and rays run along one axis.
+  bool possible = info.wavelet == "haar" && !spec->view.perspective;
+  for (const store::FieldInfo& field : info.fields) {
+    const bool shown = field.name == spec->field || field.name == spec->color_field;
+    possible = possible && (!shown || field.type == "float32");
+  }
+  if (spec->mode == Mode::kFused && !possible) {
+    return InvalidArgument(
+        "mode fused is for orthographic views of Haar coefficients in float32, and this {}; ask "
+        "for "
+        "two-phase or auto",
+        spec->view.perspective
+            ? "view is a perspective one"
+            : fmt::format("dataset's are {} in {}", info.wavelet, info.TypeOf(*spec->field)));
+  }
+  if (spec->mode == Mode::kAuto) {
+    spec->mode = possible ? Mode::kFused : Mode::kTwoPhase;
   }
   return absl::OkStatus();
 }
@@ -170,7 +271,14 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   const store::DatasetInfo info = dataset.info();
   FrameSpec resolved = spec;
   TakeDefault(&resolved.field, defaults.field);
-  FOVEA_RETURN_IF_ERROR(CheckField(info, *resolved.field));
+  FOVEA_RETURN_IF_ERROR(CheckField(info, "field", *resolved.field));
+  if (resolved.color_field) {
+    FOVEA_RETURN_IF_ERROR(CheckField(info, "color_field", *resolved.color_field));
+    if (!resolved.color_transfer) {
+      FOVEA_ASSIGN_OR_RETURN(resolved.color_transfer,
+                             DefaultTransferOfField(dataset, *resolved.color_field));
+    }
+  }
   FrameSpec fallback = defaults;
   if (resolved.field != defaults.field && !(spec.fovea && spec.transfer)) {
     FOVEA_ASSIGN_OR_RETURN(fallback, DefaultsOfField(dataset, *resolved.field));
@@ -188,12 +296,16 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   TakeDefault(&resolved.weighting, fallback.weighting);
   TakeDefault(&resolved.smoothing, fallback.smoothing);
   TakeDefault(&resolved.basis, fallback.basis);
+  TakeDefault(&resolved.compositing, fallback.compositing);
+  TakeDefault(&resolved.mode, fallback.mode);
   TakeDefault(&resolved.width_px, fallback.width_px);
   TakeDefault(&resolved.height_px, fallback.height_px);
   TakeDefault(&resolved.jpeg_quality, fallback.jpeg_quality);
   TakeDefault(&resolved.background, fallback.background);
   const Position given = *resolved.fovea;
   FOVEA_RETURN_IF_ERROR(ToVoxels("fovea", info.index_to_world, &resolved.fovea));
+  FOVEA_RETURN_IF_ERROR(ClipToVoxels(info.index_to_world, &resolved.clip));
+  FOVEA_RETURN_IF_ERROR(ResolveMode(info, &resolved));
   FOVEA_RETURN_IF_ERROR(CheckInside(given, resolved.fovea->at, info.hierarchy.dims()));
   return resolved;
 }

@@ -40,6 +40,32 @@ struct ViewSpec {
   friend bool operator==(const ViewSpec&, const ViewSpec&) = default;
 };
 
+/// A box to clip to: voxel coordinates, or world ones.
+struct ClipBox {
+  Vec3 lower, upper;
+  bool world = false;
+  friend bool operator==(const ClipBox&, const ClipBox&) = default;
+};
+
+/// Keeps normal . p >= offset, p in voxel coordinates, or in world ones.
+struct ClipPlane {
+  Vec3 normal;
+  double offset = 0;
+  bool world = false;
+  friend bool operator==(const ClipPlane&, const ClipPlane&) = default;
+};
+
+struct ClipSpec {
+  std::optional<ClipBox> box;
+  std::vector<ClipPlane> planes;  // at most render::kMostClipPlanes
+  [[nodiscard]] bool IsEmpty() const { return !box && planes.empty(); }
+  friend bool operator==(const ClipSpec&, const ClipSpec&) = default;
+};
+
+/// Two phases keep all super-voxels of a frame; fused makes slices as rays reach them. A resolved
+/// spec has one of these two.
+enum class Mode { kTwoPhase, kFused, kAuto };
+
 enum class Encoding { kPng, kJpeg, kRawRgba8, kRawRgbaF32 };
 
 struct FrameSpec {
@@ -53,7 +79,13 @@ struct FrameSpec {
   std::optional<render::Weighting> weighting;
   std::optional<render::Smoothing> smoothing;
   std::optional<render::Basis> basis;
-  std::optional<int64_t> width_px, height_px;  // 1 to 16384; default 512
+  std::optional<render::Compositing> compositing;
+  std::optional<render::Lighting> lighting;  // enabled, or absent: none
+  ClipSpec clip;
+  std::optional<std::string> color_field;                  // absent: none
+  std::optional<render::TransferFunction> color_transfer;  // only with a color_field
+  std::optional<Mode> mode;                                // default kTwoPhase
+  std::optional<int64_t> width_px, height_px;              // 1 to 16384; default 512
   Encoding encoding = Encoding::kPng;
   std::optional<int64_t> jpeg_quality;      // 1 to 100; default 90
   std::optional<render::Color> background;  // PNG, JPEG, RAW_RGBA8; default black
@@ -61,6 +93,9 @@ struct FrameSpec {
   bool strict = false;                      // a damaged chunk is DATA_LOSS, not a warning
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
 };
+
+/// As the engine takes it, which does not know the world: `spec` is in voxels, or only checked.
+[[nodiscard]] render::Clip EngineClip(const ClipSpec& spec);
 
 /// The fovea of a spec with nothing left to default, its position in voxels.
 [[nodiscard]] inline Fovea FoveaOf(const FrameSpec& resolved) {

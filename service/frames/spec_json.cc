@@ -10,9 +10,16 @@ using nlohmann::json;
 
 namespace {
 
+json Vec3ToJson(const Vec3& v) {
+  return {{"x", v.x}, {"y", v.y}, {"z", v.z}};
+}
+
+const char* SpaceToJson(bool world) {
+  return world ? "SPACE_WORLD" : "SPACE_VOXEL";
+}
+
 json PositionToJson(const Position& position) {
-  return {{"at", {{"x", position.at.x}, {"y", position.at.y}, {"z", position.at.z}}},
-          {"space", position.world ? "SPACE_WORLD" : "SPACE_VOXEL"}};
+  return {{"at", Vec3ToJson(position.at)}, {"space", SpaceToJson(position.world)}};
 }
 
 // A float prints as the shortest decimal that reads back as that float, not as its double.
@@ -106,6 +113,66 @@ const char* WindowToJson(WindowShape window) {
   return "WINDOW_SMOOTH";
 }
 
+json LightingToJson(const render::Lighting& lighting) {
+  return {{"ambient", Shortest(lighting.ambient)},
+          {"diffuse", Shortest(lighting.diffuse)},
+          {"specular", Shortest(lighting.specular)},
+          {"shininess", lighting.shininess},
+          {"to_light", Vec3ToJson(lighting.to_light)}};
+}
+
+json ClipToJson(const ClipSpec& clip) {
+  json result = json::object();
+  if (clip.box) {
+    result["box"] = {{"lower", Vec3ToJson(clip.box->lower)},
+                     {"upper", Vec3ToJson(clip.box->upper)},
+                     {"space", SpaceToJson(clip.box->world)}};
+  }
+  for (const ClipPlane& plane : clip.planes) {
+    result["planes"].push_back({{"normal", Vec3ToJson(plane.normal)},
+                                {"offset", plane.offset},
+                                {"space", SpaceToJson(plane.world)}});
+  }
+  return result;
+}
+
+const char* ModeToJson(Mode mode) {
+  switch (mode) {
+    case Mode::kTwoPhase:
+      return "MODE_TWO_PHASE";
+    case Mode::kFused:
+      return "MODE_FUSED";
+    case Mode::kAuto:
+      break;
+  }
+  return "MODE_AUTO";
+}
+
+/// What shades and cuts.
+void AddOptionsToJson(const FrameSpec& spec, json* result) {
+  json& out = *result;
+  if (spec.compositing) {
+    out["compositing"] = *spec.compositing == render::Compositing::kMaximum
+                             ? "COMPOSITING_MAXIMUM"
+                             : "COMPOSITING_EMISSION";
+  }
+  if (spec.lighting) {
+    out["lighting"] = LightingToJson(*spec.lighting);
+  }
+  if (!spec.clip.IsEmpty()) {
+    out["clip"] = ClipToJson(spec.clip);
+  }
+  if (spec.color_field) {
+    out["color_field"] = *spec.color_field;
+  }
+  if (spec.color_transfer) {
+    out["color_transfer_function"] = TransferToJson(*spec.color_transfer);
+  }
+  if (spec.mode) {
+    out["mode"] = ModeToJson(*spec.mode);
+  }
+}
+
 json StatsToJson(const FrameStats& stats) {
   return {{"coefficients", stats.coefficients}, {"chunks_read", stats.chunks_read},
           {"chunks_total", stats.chunks_total}, {"bytes_read", stats.bytes_read},
@@ -155,6 +222,7 @@ json SpecToJson(const FrameSpec& spec) {
   if (spec.basis) {
     result["basis"] = *spec.basis == render::Basis::kBspline ? "BASIS_BSPLINE" : "BASIS_BILINEAR";
   }
+  AddOptionsToJson(spec, &result);
   if (spec.width_px) {
     result["width_px"] = *spec.width_px;
   }

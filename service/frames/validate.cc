@@ -73,7 +73,50 @@ Status CheckView(const ViewSpec& view) {
   return absl::OkStatus();
 }
 
+/// The engine's own check of what lights and cuts, among settings that are otherwise fine.
+Status CheckLightingAndClip(const FrameSpec& spec) {
+  render::RenderSettings settings;
+  settings.transfer.points.resize(1);
+  settings.lighting = spec.lighting.value_or(render::Lighting{});
+  settings.clip = EngineClip(spec.clip);
+  return render::Validate(settings);
+}
+
+Status CheckCompositing(const FrameSpec& spec) {
+  if (spec.compositing != render::Compositing::kMaximum) {
+    return absl::OkStatus();
+  }
+  if (spec.lighting) {
+    return InvalidArgument("lighting lights surfaces, and compositing maximum has none; leave one");
+  }
+  if (spec.weighting && spec.weighting->kind == render::Weighting::Kind::kFalloff) {
+    return InvalidArgument("weighting falloff does not go with compositing maximum; leave one");
+  }
+  return absl::OkStatus();
+}
+
+Status CheckColorField(const FrameSpec& spec) {
+  if (!spec.color_transfer) {
+    return absl::OkStatus();
+  }
+  if (!spec.color_field) {
+    return InvalidArgument("color_transfer_function is given without a color_field to colour by");
+  }
+  return Annotate(render::Validate(*spec.color_transfer), "color_transfer_function");
+}
+
 }  // namespace
+
+render::Clip EngineClip(const ClipSpec& spec) {
+  render::Clip clip;
+  if (spec.box) {
+    clip.box = {spec.box->lower, spec.box->upper};
+  }
+  for (const ClipPlane& plane : spec.planes) {
+    clip.planes.push_back({plane.normal, plane.offset});
+  }
+  return clip;
+}
 
 Status ValidateSpec(const FrameSpec& spec) {
   constexpr int64_t kMaxSide = render::kMaxPicturePixels;
@@ -90,6 +133,9 @@ Status ValidateSpec(const FrameSpec& spec) {
     const std::optional<double> falloff = spec.weighting->falloff_per_voxel;
     FOVEA_RETURN_IF_ERROR(CheckRange("falloff_per_voxel", falloff, 0.0, 1e6));
   }
+  FOVEA_RETURN_IF_ERROR(CheckLightingAndClip(spec));
+  FOVEA_RETURN_IF_ERROR(CheckCompositing(spec));
+  FOVEA_RETURN_IF_ERROR(CheckColorField(spec));
   if (spec.background) {
     for (const float part : {spec.background->red, spec.background->green, spec.background->blue}) {
       FOVEA_RETURN_IF_ERROR(CheckRange("background", std::optional<float>(part), 0.0F, 1.0F));

@@ -2,6 +2,7 @@
 
 #include "service/frames/frames.h"
 #include "service/wire/convert.h"
+#include "service/wire/spec_parts.h"
 #include "service/wire/status.h"
 
 namespace fovea::wire {
@@ -61,17 +62,6 @@ void ViewToProto(const frames::ViewSpec& view, v1::ViewSpec* proto) {
   }
 }
 
-v1::TransferFunction ToProto(const render::TransferFunction& transfer) {
-  v1::TransferFunction proto;
-  for (const render::TransferFunction::Point& point : transfer.points) {
-    v1::TransferFunction::Point& out = *proto.add_points();
-    out.set_value(point.value);
-    *out.mutable_color() = ToProto(point.color);
-    out.set_opacity(point.opacity);
-  }
-  return proto;
-}
-
 v1::Weighting ToProto(const render::Weighting& weighting) {
   v1::Weighting proto;
   switch (weighting.kind) {
@@ -119,19 +109,6 @@ v1::WindowShape ToProto(WindowShape window) {
       break;
   }
   return v1::WINDOW_SMOOTH;
-}
-
-Status CheckFinite(const std::string& path, std::initializer_list<double> values) {
-  for (const double value : values) {
-    if (!std::isfinite(value)) {
-      return BadField(path, fmt::format("{} is not a finite number", value));
-    }
-  }
-  return absl::OkStatus();
-}
-
-Status UnknownEnum(const std::string& path, int value, std::string_view known) {
-  return BadField(path, fmt::format("{} is not one of {}", value, known));
 }
 
 StatusOr<frames::Position> FromProto(const v1::Position& proto, const std::string& path) {
@@ -188,24 +165,6 @@ StatusOr<frames::ViewSpec> FromProto(const v1::ViewSpec& proto, const std::strin
     view.span_voxels = orthographic.span_voxels();
   }
   return view;
-}
-
-StatusOr<render::TransferFunction> FromProto(const v1::TransferFunction& proto,
-                                             const std::string& path) {
-  const int count = proto.points_size();
-  if (count < 1 || count > kMaxTransferPoints) {
-    return BadField(path + ".points",
-                    fmt::format("{} points, outside 1 to {}", count, kMaxTransferPoints));
-  }
-  render::TransferFunction transfer;
-  for (int i = 0; i < count; ++i) {
-    const v1::TransferFunction::Point& point = proto.points(i);
-    FOVEA_RETURN_IF_ERROR(CheckFinite(fmt::format("{}.points[{}]", path, i),
-                                      {point.value(), point.opacity(), point.color().red(),
-                                       point.color().green(), point.color().blue()}));
-    transfer.points.push_back({point.value(), FromProto(point.color()), point.opacity()});
-  }
-  return transfer;
 }
 
 StatusOr<render::Weighting> FromProto(const v1::Weighting& proto, const std::string& path) {
@@ -359,6 +318,48 @@ Status CheckRawSize(const frames::FrameSpec& spec, const std::string& path) {
 
 }  // namespace
 
+Status CheckFinite(const std::string& path, std::initializer_list<double> values) {
+  for (const double value : values) {
+    if (!std::isfinite(value)) {
+      return BadField(path, fmt::format("{} is not a finite number", value));
+    }
+  }
+  return absl::OkStatus();
+}
+
+Status UnknownEnum(const std::string& path, int value, std::string_view known) {
+  return BadField(path, fmt::format("{} is not one of {}", value, known));
+}
+
+v1::TransferFunction ToProto(const render::TransferFunction& transfer) {
+  v1::TransferFunction proto;
+  for (const render::TransferFunction::Point& point : transfer.points) {
+    v1::TransferFunction::Point& out = *proto.add_points();
+    out.set_value(point.value);
+    *out.mutable_color() = ToProto(point.color);
+    out.set_opacity(point.opacity);
+  }
+  return proto;
+}
+
+StatusOr<render::TransferFunction> FromProto(const v1::TransferFunction& proto,
+                                             const std::string& path) {
+  const int count = proto.points_size();
+  if (count < 1 || count > kMaxTransferPoints) {
+    return BadField(path + ".points",
+                    fmt::format("{} points, outside 1 to {}", count, kMaxTransferPoints));
+  }
+  render::TransferFunction transfer;
+  for (int i = 0; i < count; ++i) {
+    const v1::TransferFunction::Point& point = proto.points(i);
+    FOVEA_RETURN_IF_ERROR(CheckFinite(fmt::format("{}.points[{}]", path, i),
+                                      {point.value(), point.opacity(), point.color().red(),
+                                       point.color().green(), point.color().blue()}));
+    transfer.points.push_back({point.value(), FromProto(point.color()), point.opacity()});
+  }
+  return transfer;
+}
+
 int64_t RawPixelBytes(frames::Encoding encoding) {
   switch (encoding) {
     case frames::Encoding::kRawRgba8:
@@ -448,6 +449,7 @@ v1::FrameSpec ToProto(const frames::FrameSpec& spec) {
   if (spec.height_px) {
     proto.set_height_px(static_cast<uint32_t>(*spec.height_px));
   }
+  OptionsToProto(spec, &proto);
   proto.set_encoding(ToProto(spec.encoding));
   if (spec.jpeg_quality) {
     proto.set_jpeg_quality(static_cast<uint32_t>(*spec.jpeg_quality));
@@ -475,6 +477,7 @@ StatusOr<frames::FrameSpec> FromProto(const v1::FrameSpec& proto, std::string_vi
   if (proto.has_weighting()) {
     FOVEA_ASSIGN_OR_RETURN(spec.weighting, FromProto(proto.weighting(), prefix + ".weighting"));
   }
+  FOVEA_RETURN_IF_ERROR(OptionsFromProto(proto, prefix, &spec));
   FOVEA_RETURN_IF_ERROR(PointAtSpecField(frames::ValidateSpec(spec), prefix));
   FOVEA_RETURN_IF_ERROR(CheckRawSize(spec, prefix));
   return spec;

@@ -18,7 +18,7 @@ constexpr size_t kMaxMessageBytes = 1000;
 constexpr size_t kMaxDescriptionBytes = 500;
 
 /// Fields of a FrameSpec that are not at its top level.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 9> kNestedFields{{
+constexpr std::array<std::pair<std::string_view, std::string_view>, 11> kNestedFields{{
     {"azimuth_deg", "view.orthographic.azimuth_deg"},
     {"elevation_deg", "view.orthographic.elevation_deg"},
     {"center", "view.orthographic.center"},
@@ -28,6 +28,8 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 9> kNestedFi
     {"up", "view.perspective.up"},
     {"fov_y_deg", "view.perspective.fov_y_deg"},
     {"falloff_per_voxel", "weighting.falloff_per_voxel"},
+    {"clip_box", "clip.box"},
+    {"clip_plane", "clip.planes"},
 }};
 
 Status WithDetails(Status status, std::string_view path, std::string_view description) {

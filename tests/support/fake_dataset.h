@@ -31,6 +31,8 @@ class FakeDataset final : public store::Dataset {
   void set_damaged_chunks(uint64_t count) { damaged_chunks_ = count; }
   /// From now on info() says that the volume is this large; what is stored stays as it is.
   void set_claimed_dims(const Int3& dims) { info_.hierarchy = *Hierarchy::Make(dims); }
+  void set_wavelet(const std::string& name) { info_.wavelet = name; }
+  void set_index_to_world(const Matrix4& matrix) { info_.index_to_world = matrix; }
 
  private:
   struct Step {

@@ -114,6 +114,11 @@ class BadInput(support.FoveaTest):
                 (["--transfer", "1:0,0,0:0;0:0,0,0:0"], ["--transfer"]),
                 (["--transfer", "nan:0,0,0:0"], ["--transfer"]),
                 (["--weighting", "falloff:-1"], ["--weighting", "-1"]),
+                (["--lighting", "0.5,0.5,-1"], ["--lighting", "specular -1"]),
+                (["--clip-box", "0,0,0,9,9,0"], ["--clip-box", "its z runs from 0 to 0"]),
+                (["--clip-plane", "0,0,0,1"], ["--clip-plane", "normal"]),
+                (["--clip-plane", "1,0,0,1"] * 7, ["--clip-plane", "7 of them", "at most 6"]),
+                (["--color-transfer", "0:0,0,0:0"], ["--color-transfer", "color_field"]),
                 (["--step", -1], ["--step"]),
                 (["--threads", 100000], ["--threads"])):
             self.render_refused(2, self.store, *flags, says=says)

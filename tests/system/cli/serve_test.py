@@ -46,9 +46,15 @@ class Serve(support.FoveaTest):
         for name, flags in (("a.png", []), ("b.jpg", ["--quality", 70, "--fovea-marker"]),
                             ("c.npy", ["--field", "temperature", "--smoothing", "none"]),
                             ("d.png", ["--fovea", "0.5,0.5,0.5w", "--weighting", "falloff:0.1"]),
-                            ("e.npy", ["--eye", "-30,12,60", "--fov", 60, "--up", "0,1,0"]),
-                            ("f.png", ["--eye", "0.5,0.5,0.5w", "--target", "0,0,9",
-                                       "--fovea-marker"])):
+                            ("p.npy", ["--eye", "-30,12,60", "--fov", 60, "--up", "0,1,0"]),
+                            ("q.png", ["--eye", "0.5,0.5,0.5w", "--target", "0,0,9",
+                                       "--fovea-marker"]),
+                            ("e.png", ["--lighting", "0.2,0.8,0.4,32", "--light", "0,1,1"]),
+                            ("f.npy", ["--compositing", "maximum", "--clip-plane", "-1,0,0.5,-16"]),
+                            ("g.png", ["--clip-box", "0.2,0.2,0,1.4,1.9,4w", "--view", "30,20"]),
+                            ("h.npy", ["--color-field", "temperature", "--mode", "fused"]),
+                            ("i.png", ["--color-field", "temperature", "--mode", "auto",
+                                       "--color-transfer", "0:0,0,1:0;1:1,0,0:0"])):
             flags += ["--step", 9, "--size", "64x48"]
             served, local = self.folder / f"served_{name}", self.folder / f"local_{name}"
             report = self.ask("render", "lab/plume", *flags, "-o", served)
@@ -58,7 +64,8 @@ class Serve(support.FoveaTest):
             self.assertEqual(served.read_bytes(), local.read_bytes(), name)
 
     def test_export_streams_the_same_frames(self):
-        flags = ["--size", "64x48", "--steps", "1-13x3", "--field", "temperature", "--strict"]
+        flags = ["--size", "64x48", "--steps", "1-13x3", "--field", "temperature", "--strict",
+                 "--mode", "auto"]
         served, local = self.folder / "served", self.folder / "local"
         report = self.ask("export", "lab/plume", *flags, "-o", served / "f.####.png")
         self.assertEqual(report["frames_made"], 5)
@@ -87,6 +94,7 @@ class Serve(support.FoveaTest):
         refused("lab/plume", "--step", 15, says=["--step", "step 15", "0 to 14"])
         refused("lab/plume", "--fovea", "99,0,0", says=["--fovea", "outside"])
         refused("lab/plume", "--field", "heat", says=["--field", "heat", "temperature"])
+        refused("lab/plume", "--color-field", "heat", says=["--color-field", "heat", "temperature"])
 
     def test_a_server_that_is_not_there(self):
         self.refused(1, "info", "--server", "127.0.0.1:1", says=["127.0.0.1:1", "serve"])

@@ -97,6 +97,52 @@ TEST(Parse, BenchTakesPictureFlagsAndRounds) {
   EXPECT_EQ(ParseCommandLine({"bench", "a.zarr", "--rounds", "0"}).exit_status, 2);
 }
 
+TEST(Parse, WhatShadesCutsAndColours) {
+  const auto spec = Parsed<RenderCommand>({"render",
+                                           "a.zarr",
+                                           "--light",
+                                           "-1,0,2",
+                                           "--lighting",
+                                           "0.1,0.5,0,64",
+                                           "--clip-box",
+                                           "-1,0,0,8,9,10.5w",
+                                           "--clip-plane",
+                                           "-1,0,0,-20",
+                                           "--clip-plane",
+                                           "0,1,1,5w",
+                                           "--color-field",
+                                           "heat",
+                                           "--color-transfer",
+                                           "0:0,0,0:0;1:1,0,0:1",
+                                           "--mode",
+                                           "fused",
+                                           "-o",
+                                           "f.png"})
+                        .spec;
+  EXPECT_EQ(spec.lighting, (render::Lighting{true, 0.1F, 0.5F, 0, 64, {-1, 0, 2}}));
+  EXPECT_EQ(spec.clip.box, (frames::ClipBox{{-1, 0, 0}, {8, 9, 10.5}, true}));
+  EXPECT_EQ(spec.clip.planes,
+            (std::vector<frames::ClipPlane>{{{-1, 0, 0}, -20, false}, {{0, 1, 1}, 5, true}}));
+  EXPECT_EQ(spec.color_field, "heat");
+  EXPECT_EQ(spec.color_transfer->points.size(), 2U);
+  EXPECT_EQ(spec.mode, frames::Mode::kFused);
+  const auto exported = Parsed<ExportCommand>(
+      {"export", "a.zarr", "--compositing", "maximum", "--mode", "auto", "-o", "f.mp4"});
+  EXPECT_EQ(exported.spec.compositing, render::Compositing::kMaximum);
+  EXPECT_EQ(exported.spec.mode, frames::Mode::kAuto);
+}
+
+TEST(Parse, LightingNeedsNoNumbers) {
+  const render::Lighting plain{true, 0.3F, 0.7F, 0.2F, 16, {}};
+  EXPECT_EQ(Parsed<RenderCommand>({"render", "a.zarr", "--lighting", "-o", "f.png"}).spec.lighting,
+            plain);
+  EXPECT_EQ(Parsed<RenderCommand>({"render", "a.zarr", "-o", "f.png", "--lighting"}).spec.lighting,
+            plain);
+  const auto lit =
+      Parsed<RenderCommand>({"render", "a.zarr", "--light", "1,2,3", "-o", "f.png"}).spec.lighting;
+  EXPECT_EQ(lit, (render::Lighting{true, 0.3F, 0.7F, 0.2F, 16, {1, 2, 3}}));
+}
+
 TEST(Parse, NothingSaidIsNothingSet) {
   const auto command = Parsed<RenderCommand>({"render", "a.zarr", "-o", "f.npy"});
   frames::FrameSpec expected;
@@ -222,6 +268,26 @@ TEST(Parse, WrongUsageEndsWithTwoAndNamesTheFlag) {
       {{"render", "a.zarr", "-o", "f.png", "--step", "-1"}, "--step"},
       {{"render", "a.zarr", "-o", "f.png", "--stride", "2"}, "--stride"},
       {{"render", "a.zarr", "-o", "f.exr", "--fovea-marker"}, "fovea_marker"},
+      {{"render", "--lighting", "a.zarr", "-o", "f.png"}, "--lighting: 'a.zarr'"},
+      {{"render", "a.zarr", "-o", "f.png", "--lighting", "2,0,0"},
+       "--lighting: lighting.ambient 2"},
+      {{"render", "a.zarr", "-o", "f.png", "--lighting", "1,0,0,3"}, "--lighting: lighting.shini"},
+      {{"render", "a.zarr", "-o", "f.png", "--light", "1,2"}, "--light: '1,2'"},
+      {{"render", "a.zarr", "-o", "f.png", "--light", "1,2,inf"}, "--lighting: lighting.to_light"},
+      {{"render", "a.zarr", "-o", "f.png", "--compositing", "mip"}, "--compositing: 'mip'"},
+      {{"render", "a.zarr", "-o", "f.png", "--compositing", "maximum", "--lighting"},
+       "--lighting: lighting lights surfaces"},
+      {{"render", "a.zarr", "-o", "f.png", "--compositing", "maximum", "--weighting", "falloff:1"},
+       "--weighting: weighting falloff does not go"},
+      {{"render", "a.zarr", "-o", "f.png", "--clip-box", "1,2,3,4,5"}, "--clip-box: '1,2,3,4,5'"},
+      {{"render", "a.zarr", "-o", "f.png", "--clip-box", "1,2,3,4,2,6"},
+       "--clip-box: clip_box: its y runs from 2 to 2"},
+      {{"render", "a.zarr", "-o", "f.png", "--clip-plane", "1,0,0"}, "--clip-plane: '1,0,0'"},
+      {{"render", "a.zarr", "-o", "f.png", "--clip-plane", "0,0,0,1"},
+       "--clip-plane: clip_plane 0"},
+      {{"render", "a.zarr", "-o", "f.png", "--color-transfer", "0:0,0,0:0"},
+       "--color-transfer: color_transfer_function is given without a color_field"},
+      {{"render", "a.zarr", "-o", "f.png", "--mode", "three"}, "--mode: 'three'"},
       {{"render", "a", "b", "--server", "h:1", "-o", "f.png"}, "--server"},
       {{"export", "a.zarr", "-o", "f.png"}, "no place for the frame's number"},
       {{"export", "a.zarr", "-o", "f.mp4", "--shard", "0/2"}, "shard 0/2"},

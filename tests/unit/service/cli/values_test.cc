@@ -165,6 +165,26 @@ TEST(PinningFlags, SayEverythingAndLeaveOutWhatAllChooseAlike) {
       << flags;
 }
 
+TEST(PinningFlags, SayWhatShadesCutsAndColours) {
+  frames::FrameSpec spec = Resolved();
+  spec.compositing = render::Compositing::kEmissionAbsorption;
+  spec.mode = frames::Mode::kTwoPhase;
+  EXPECT_EQ(OptionFlags(spec), "");
+  spec.compositing = render::Compositing::kMaximum;
+  spec.mode = frames::Mode::kFused;
+  spec.lighting = *ParseLighting("0.1,0.5,0.25,4");
+  spec.lighting->to_light = {0, -1, 0.5};
+  spec.clip.box = *ParseClipBox("1,2,3,4,5.5,6");
+  spec.clip.planes = {*ParseClipPlane("1,0,-1,2.5"), *ParseClipPlane("0,1,0,-3w")};
+  spec.color_field = "heat";
+  spec.color_transfer = *ParseTransfer("0:0,0,0:0;1:1,0.5,0:0.1");
+  EXPECT_EQ(OptionFlags(spec),
+            " --compositing maximum --lighting 0.1,0.5,0.25,4 --light 0,-1,0.5 "
+            "--clip-box 1,2,3,4,5.5,6 --clip-plane 1,0,-1,2.5 --clip-plane 0,1,0,-3w "
+            "--color-field heat --color-transfer '0:0,0,0:0;1:1,0.5,0:0.1' --mode fused");
+  EXPECT_NE(PinningFlags(spec, {40, 32, 48}).find(OptionFlags(spec)), std::string::npos);
+}
+
 TEST(WithFlag, NamesTheFlagOfTheFieldThatTheMessageStartsWith) {
   EXPECT_EQ(WithFlag(InvalidArgument("rate 0 is bad")), "--rate: rate 0 is bad");
   EXPECT_EQ(WithFlag(InvalidArgument("width_px 7")), "--size: width_px 7");

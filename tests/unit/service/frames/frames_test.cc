@@ -109,6 +109,95 @@ TEST(RenderFrame, DamageIsAWarningOrAnErrorIfStrict) {
               FailsWith(absl::StatusCode::kDataLoss, "chunk"));
 }
 
+std::vector<float> Floats(const Frame& frame) {
+  std::vector<float> rgba(frame.pixels.size() / sizeof(float));
+  std::memcpy(rgba.data(), frame.pixels.data(), frame.pixels.size());
+  return rgba;
+}
+
+TEST(RenderFrame, ASecondFieldColoursWhatTheFirstShows) {
+  FakeDataset dataset(2);
+  FrameSpec spec = Small(dataset);
+  spec.encoding = Encoding::kRawRgbaF32;
+  ASSERT_OK_AND_ASSIGN(const Frame plain, RenderFrame(dataset, "fake", 1, spec, 1));
+  spec.color_field = "warm";
+  // Green where it is cold, whatever opacity is said; its ball is red.
+  spec.color_transfer = render::TransferFunction{{{20, {0, 1, 0}, 0.0F}, {20, {1, 0, 0}, 1.0F}}};
+  ASSERT_OK_AND_ASSIGN(const Frame frame, RenderFrame(dataset, "fake", 1, spec, 1));
+  const std::vector<float> before = Floats(plain);
+  const std::vector<float> after = Floats(frame);
+  double red = 0;
+  double green = 0;
+  for (size_t i = 0; i < after.size(); i += 4) {
+    ASSERT_EQ(after[i + 3], before[i + 3]) << i;
+    ASSERT_NEAR(after[i] + after[i + 1], after[i + 3], 1e-5) << i;
+    ASSERT_EQ(after[i + 2], 0) << i;
+    red += after[i];
+    green += after[i + 1];
+  }
+  EXPECT_GT(red, 1);
+  EXPECT_GT(green, 1);
+  EXPECT_EQ(frame.stats.chunks_read, 2 * plain.stats.chunks_read);
+  EXPECT_EQ(frame.stats.chunks_total, 2 * plain.stats.chunks_total);
+  EXPECT_EQ(frame.stats.bytes_read, 2 * plain.stats.bytes_read);
+  EXPECT_EQ(frame.stats.coefficients, 2 * plain.stats.coefficients);
+  EXPECT_EQ(frame.stats.super_voxels, 2 * plain.stats.super_voxels);
+  dataset.set_damaged_chunks(1);
+  ASSERT_OK_AND_ASSIGN(const Frame damaged, RenderFrame(dataset, "fake", 1, spec, 1));
+  ASSERT_EQ(damaged.warnings.size(), 2U);
+  EXPECT_THAT(damaged.warnings[1].message, ::testing::HasSubstr("'warm'"));
+}
+
+TEST(RenderFrame, FusedIsTheSamePicture) {
+  FakeDataset dataset(2);
+  for (const bool colored : {false, true}) {
+    FrameSpec spec = Small(dataset);
+    spec.encoding = Encoding::kRawRgbaF32;
+    spec.rate = 7;
+    spec.view.azimuth_deg = 30;
+    if (colored) {
+      spec.color_field = "warm";
+      spec.color_transfer = spec.transfer;
+    }
+    ASSERT_OK_AND_ASSIGN(const Frame two_phase, RenderFrame(dataset, "fake", 1, spec, 1));
+    spec.mode = Mode::kFused;
+    ASSERT_OK_AND_ASSIGN(const Frame fused, RenderFrame(dataset, "fake", 1, spec, 2));
+    EXPECT_EQ(fused.stats.samples, two_phase.stats.samples);
+    EXPECT_EQ(fused.stats.coefficients, two_phase.stats.coefficients);
+    const std::vector<float> expected = Floats(two_phase);
+    const std::vector<float> pixels = Floats(fused);
+    double sum = 0;
+    for (size_t i = 0; i < pixels.size(); ++i) {
+      ASSERT_NEAR(pixels[i], expected[i], 1.0 / 2048) << i;
+      sum += pixels[i];
+    }
+    EXPECT_GT(sum, 5);
+  }
+}
+
+TEST(RenderFrame, LightMaximumAndClipReachTheEngine) {
+  FakeDataset dataset(1);
+  FrameSpec spec = Small(dataset);
+  spec.encoding = Encoding::kRawRgbaF32;
+  const auto render = [&](const FrameSpec& asked) {
+    return Floats(*RenderFrame(dataset, "fake", 0, asked, 1));
+  };
+  const std::vector<float> plain = render(spec);
+  FrameSpec lit = spec;
+  lit.lighting = render::Lighting{true, 0, 1, 0, 16, {0, 0, 1}};
+  EXPECT_NE(render(lit), plain);
+  FrameSpec maximum = spec;
+  maximum.compositing = render::Compositing::kMaximum;
+  EXPECT_NE(render(maximum), plain);
+  FrameSpec clipped = spec;
+  clipped.clip.box = ClipBox{{30, 0, 0}, {40, 32, 48}};  // nothing of the ball
+  for (const float value : render(clipped)) {
+    ASSERT_EQ(value, 0);
+  }
+  clipped.clip = {std::nullopt, {{{-1, 0, 0}, -30}}};  // all of it
+  EXPECT_EQ(render(clipped), plain);
+}
+
 TEST(RenderFrame, RefusesAStepThatIsNotThere) {
   FakeDataset dataset(2);
   const FrameSpec spec = Small(dataset);

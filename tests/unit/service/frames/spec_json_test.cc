@@ -40,6 +40,31 @@ TEST(SpecJson, APerspectiveViewHasTheProtosNames) {
     "up": {"x": 0.0, "y": 1.0, "z": 0.0}, "fov_y_deg": 50.0}})"));
 }
 
+TEST(SpecJson, WhatShadesCutsAndColours) {
+  FrameSpec spec;
+  spec.compositing = render::Compositing::kMaximum;
+  spec.lighting = render::Lighting{true, 0.1F, 0.5F, 0.2F, 8, {1, 0, -1}};
+  spec.clip.box = ClipBox{{1, 2, 3}, {4, 5, 6}, false};
+  spec.clip.planes = {{{0, 1, 0}, 2.5, true}};
+  spec.color_field = "heat";
+  spec.color_transfer = render::TransferFunction{{{0.5, {1, 0, 0}, 1}}};
+  spec.mode = Mode::kFused;
+  const auto expected = nlohmann::json::parse(R"({
+    "encoding": "PNG", "fovea_marker": false, "strict": false, "view": {"orthographic": {}},
+    "compositing": "COMPOSITING_MAXIMUM",
+    "lighting": {"ambient": 0.1, "diffuse": 0.5, "specular": 0.2, "shininess": 8,
+                 "to_light": {"x": 1.0, "y": 0.0, "z": -1.0}},
+    "clip": {"box": {"lower": {"x": 1.0, "y": 2.0, "z": 3.0},
+                     "upper": {"x": 4.0, "y": 5.0, "z": 6.0}, "space": "SPACE_VOXEL"},
+             "planes": [{"normal": {"x": 0.0, "y": 1.0, "z": 0.0}, "offset": 2.5,
+                         "space": "SPACE_WORLD"}]},
+    "color_field": "heat",
+    "color_transfer_function": {"points": [
+      {"value": 0.5, "color": {"red": 1.0, "green": 0.0, "blue": 0.0}, "opacity": 1.0}]},
+    "mode": "MODE_FUSED"})");
+  EXPECT_EQ(SpecToJson(spec), expected) << SpecToJson(spec).dump(1);
+}
+
 TEST(FrameJson, LeavesThePixelsOut) {
   Frame frame;
   frame.dataset = "lab/plume";

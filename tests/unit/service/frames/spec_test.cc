@@ -152,6 +152,81 @@ TEST(ResolveSpec, RefusesAFoveaOutsideButNotOnTheBorder) {
   EXPECT_THAT(ResolveSpec(dataset, spec, defaults), FailsWith(kInvalid, "(world 0, 0, 0)"));
 }
 
+TEST(ResolveSpec, TurnsWorldClippingIntoVoxels) {
+  FakeDataset dataset(1);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  FrameSpec spec;
+  spec.clip.box = ClipBox{{50, 52, 78}, {60, 60, 90}, true};
+  spec.clip.planes = {{{1, 0, 0}, 50, true}, {{0, 1, 0}, 3, false}};
+  ASSERT_OK_AND_ASSIGN(const FrameSpec resolved, ResolveSpec(dataset, spec, defaults));
+  EXPECT_EQ(resolved.clip.box, (ClipBox{{20, 16, 24}, {25, 20, 30}}));
+  ASSERT_EQ(resolved.clip.planes.size(), 2U);
+  EXPECT_EQ(resolved.clip.planes[0], (ClipPlane{{2, 0, 0}, 40}));
+  EXPECT_EQ(resolved.clip.planes[1], spec.clip.planes[1]);
+}
+
+TEST(ResolveSpec, AWorldBoxBecomesPlanesWhereTheAxesAreTurned) {
+  FakeDataset dataset(1);
+  Matrix4 turned;
+  turned.m = {0.8, -0.6, 0, 3, 0.6, 0.8, 0, -5, 0, 0, 2, 1, 0, 0, 0, 1};
+  dataset.set_index_to_world(turned);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  FrameSpec spec;
+  spec.clip.box = ClipBox{{5, 8, 9}, {14, 20, 60}, true};
+  ASSERT_OK_AND_ASSIGN(const FrameSpec resolved, ResolveSpec(dataset, spec, defaults));
+  EXPECT_FALSE(resolved.clip.box.has_value());
+  ASSERT_EQ(resolved.clip.planes.size(), 6U);
+  const ClipBox& box = *spec.clip.box;
+  int inside_count = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const Vec3 p{0.37 + 4.0 * (i % 10), 0.11 + 3.2 * (i / 10 % 10), 0.23 + 4.8 * (i / 100)};
+    const Vec3 world = turned.TransformPoint(p);
+    bool inside = true;
+    bool kept = true;
+    for (int axis = 0; axis < 3; ++axis) {
+      inside = inside && world[axis] >= box.lower[axis] && world[axis] <= box.upper[axis];
+    }
+    for (const ClipPlane& plane : resolved.clip.planes) {
+      kept = kept && Dot(plane.normal, p) >= plane.offset;
+    }
+    EXPECT_EQ(kept, inside) << i;
+    inside_count += inside ? 1 : 0;
+  }
+  EXPECT_GT(inside_count, 20);
+  spec.clip.planes = {{{1, 0, 0}, 0}};
+  EXPECT_THAT(ResolveSpec(dataset, spec, defaults), FailsWith(kInvalid, "clip_box in world units"));
+}
+
+TEST(ResolveSpec, ASecondFieldGetsATransferFunctionOfItsOwn) {
+  FakeDataset dataset(2);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  EXPECT_FALSE(defaults.color_field.has_value());
+  FrameSpec spec;
+  spec.color_field = "warm";
+  ASSERT_OK_AND_ASSIGN(const FrameSpec resolved, ResolveSpec(dataset, spec, defaults));
+  EXPECT_EQ(resolved.transfer, defaults.transfer);
+  FrameSpec warm;
+  warm.field = "warm";
+  EXPECT_EQ(resolved.color_transfer, ResolveSpec(dataset, warm, defaults)->transfer);
+  spec.color_field = "colour";
+  EXPECT_THAT(ResolveSpec(dataset, spec, defaults),
+              FailsWith(absl::StatusCode::kNotFound, "color_field 'colour'"));
+}
+
+TEST(ResolveSpec, LeavesNoModeOpen) {
+  FakeDataset dataset(1);
+  const FrameSpec defaults = *DefaultSpec(dataset);
+  EXPECT_EQ(defaults.mode, Mode::kTwoPhase);
+  FrameSpec spec;
+  spec.mode = Mode::kAuto;
+  EXPECT_EQ(ResolveSpec(dataset, spec, defaults)->mode, Mode::kFused);
+  dataset.set_wavelet("cdf53");
+  EXPECT_EQ(ResolveSpec(dataset, spec, defaults)->mode, Mode::kTwoPhase);
+  spec.mode = Mode::kFused;
+  EXPECT_THAT(ResolveSpec(dataset, spec, defaults),
+              FailsWith(kInvalid, "this dataset's are cdf53"));
+}
+
 TEST(ResolveSpec, AnotherFieldGetsItsOwnFoveaAndTransferFunction) {
   FakeDataset dataset(2);
   const FrameSpec defaults = *DefaultSpec(dataset);

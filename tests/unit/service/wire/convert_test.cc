@@ -30,6 +30,13 @@ frames::FrameSpec FullSpec() {
   spec.background = render::Color{0.5F, 0.25F, 1.0F};
   spec.fovea_marker = true;
   spec.strict = true;
+  spec.compositing = render::Compositing::kEmissionAbsorption;
+  spec.lighting = render::Lighting{true, 0.25F, 0.5F, 0.1F, 64, {1, -2.5, 0.1}};
+  spec.clip.box = frames::ClipBox{{-1, 2.5, 3}, {4, 5, 6}, true};
+  spec.clip.planes = {{{1, 0, 0.5}, -7.25, false}, {{0, -1, 0}, 3, true}};
+  spec.color_field = "heat";
+  spec.color_transfer = render::TransferFunction{{{0.5, {1, 0, 0.5F}, 0}, {2, {0, 1, 0}, 1}}};
+  spec.mode = frames::Mode::kFused;
   return spec;
 }
 
@@ -91,6 +98,26 @@ TEST(SpecTest, APerspectiveViewComesBackWithAndWithoutItsOptions) {
   spec.view.perspective->fov_y_deg = 70;
   ASSERT_OK_AND_ASSIGN(back, RoundTrip(spec));
   EXPECT_EQ(back, spec);
+}
+
+TEST(SpecTest, EveryCompositingAndModeComesBack) {
+  for (const auto compositing :
+       {render::Compositing::kEmissionAbsorption, render::Compositing::kMaximum}) {
+    for (const auto mode : {frames::Mode::kTwoPhase, frames::Mode::kFused, frames::Mode::kAuto}) {
+      frames::FrameSpec spec;
+      spec.compositing = compositing;
+      spec.mode = mode;
+      ASSERT_OK_AND_ASSIGN(const frames::FrameSpec back, RoundTrip(spec));
+      EXPECT_EQ(back, spec);
+    }
+  }
+}
+
+TEST(SpecTest, LightingWithNothingSaidIsTheDefaultOne) {
+  v1::FrameSpec proto;
+  proto.mutable_lighting();
+  ASSERT_OK_AND_ASSIGN(const frames::FrameSpec spec, FromProto(proto, "spec"));
+  EXPECT_EQ(spec.lighting, (render::Lighting{true, 0.3F, 0.7F, 0.2F, 16, {}}));
 }
 
 TEST(SpecTest, AnglesLeftOutOfAGivenViewAreZero) {
@@ -203,6 +230,45 @@ const BadSpec kBadSpecs[] = {
      }},
     {"spec.transfer_function", "1.5",
      [](v1::FrameSpec* s) { s->mutable_transfer_function()->add_points()->set_opacity(1.5F); }},
+    {"spec.compositing", "7", [](v1::FrameSpec* s) { s->set_compositing(v1::Compositing(7)); }},
+    {"spec.mode", "-3", [](v1::FrameSpec* s) { s->set_mode(v1::Mode(-3)); }},
+    {"spec.lighting", "ambient 1.5",
+     [](v1::FrameSpec* s) { s->mutable_lighting()->set_ambient(1.5F); }},
+    {"spec.lighting", "finite",
+     [](v1::FrameSpec* s) { s->mutable_lighting()->set_diffuse(kInfinity); }},
+    {"spec.lighting", "power of two",
+     [](v1::FrameSpec* s) { s->mutable_lighting()->set_shininess(0); }},
+    {"spec.lighting.shininess", "1 to 256",
+     [](v1::FrameSpec* s) { s->mutable_lighting()->set_shininess(0xFFFFFFFFU); }},
+    {"spec.lighting.to_light", "finite",
+     [](v1::FrameSpec* s) { s->mutable_lighting()->mutable_to_light()->set_z(kNan); }},
+    {"spec.lighting", "maximum",
+     [](v1::FrameSpec* s) {
+       s->mutable_lighting();
+       s->set_compositing(v1::COMPOSITING_MAXIMUM);
+     }},
+    {"spec.clip.box.upper", "finite",
+     [](v1::FrameSpec* s) { s->mutable_clip()->mutable_box()->mutable_upper()->set_x(kInfinity); }},
+    {"spec.clip.box", "x runs from 0 to 0",
+     [](v1::FrameSpec* s) { s->mutable_clip()->mutable_box(); }},
+    {"spec.clip.box.space", "SPACE_WORLD",
+     [](v1::FrameSpec* s) { s->mutable_clip()->mutable_box()->set_space(v1::Space(5)); }},
+    {"spec.clip.planes", "7 planes, outside 0 to 6",
+     [](v1::FrameSpec* s) {
+       for (int i = 0; i < 7; ++i) {
+         s->mutable_clip()->add_planes()->mutable_normal()->set_x(1);
+       }
+     }},
+    {"spec.clip.planes", "normal", [](v1::FrameSpec* s) { s->mutable_clip()->add_planes(); }},
+    {"spec.clip.planes[0].offset", "finite",
+     [](v1::FrameSpec* s) { s->mutable_clip()->add_planes()->set_offset(kNan); }},
+    {"spec.color_transfer_function", "without a color_field",
+     [](v1::FrameSpec* s) { s->mutable_color_transfer_function()->add_points(); }},
+    {"spec.color_transfer_function.points", "0 points",
+     [](v1::FrameSpec* s) {
+       s->set_color_field("heat");
+       s->mutable_color_transfer_function();
+     }},
     {"spec.background", "0 to 1", [](v1::FrameSpec* s) { s->mutable_background()->set_green(2); }},
 };
 
