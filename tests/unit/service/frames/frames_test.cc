@@ -195,7 +195,10 @@ TEST(RenderFrame, LightMaximumAndClipReachTheEngine) {
     ASSERT_EQ(value, 0);
   }
   clipped.clip = {std::nullopt, {{{-1, 0, 0}, -30}}};  // all of it
-  EXPECT_EQ(render(clipped), plain);
+  const std::vector<float> whole = render(clipped);
+  for (size_t i = 0; i < plain.size(); ++i) {
+    ASSERT_NEAR(whole[i], plain[i], 1e-5) << i;
+  }
 }
 
 TEST(RenderFrame, RefusesAStepThatIsNotThere) {
