@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "engine/fovea/reconstruct.h"
-#include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
+#include "tests/bench/frame_clock.h"
 #include "tests/bench/scenes.h"
 #include "tests/bench/separable_source.h"
 #include "tests/bench/workloads.h"
@@ -13,24 +13,16 @@
 namespace fovea::bench {
 namespace {
 
-/// What frames share, as a viewer's do.
-struct Buffers {
-  render::FrameScratch frame;
-  render::Image image;
-};
-
 /// Reconstruction, rays, smoothing and warp of one frame. The paper's two phases are one, so the
 /// time to reconstruct is part of a frame here.
 Status AddFrame(CoefficientSource& source, const RetainedSet& retained,
                 const render::RenderSettings& settings, Buffers* buffers,
                 std::vector<double>* frames) {
-  ReconstructStats rebuilt;
-  FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
-                         Reconstruct(source, retained, settings.threads, &rebuilt));
-  render::RenderStats rendered;
-  FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, settings, &buffers->frame,
-                                               &buffers->image, &rendered));
-  frames->push_back(rebuilt.reconstruct_ms + rendered.render_ms + rendered.smooth_warp_ms);
+  SuperVoxels volume;
+  FOVEA_ASSIGN_OR_RETURN(const double rebuild_ms,
+                         TimeReconstruct(source, retained, settings.threads, &volume));
+  FOVEA_ASSIGN_OR_RETURN(const FrameTimes frame, TimeFrame(volume, settings, buffers));
+  frames->push_back(rebuild_ms + frame.TotalMs());
   return absl::OkStatus();
 }
 

@@ -14,8 +14,8 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
-#include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
+#include "tests/bench/frame_clock.h"
 #include "tests/bench/scenes.h"
 #include "tests/bench/workloads.h"
 
@@ -43,23 +43,20 @@ Status MeasureFrames(const Volume& volume, CoefficientSource& source, const Reta
                      Frames* frames) {
   // Plain loops over 512^3 take seconds: a few rounds will do.
   const int plain_rounds = volume.dims.Max() > 256 ? std::min(rounds, 3) : rounds;
-  render::FrameScratch scratch, full_scratch;
-  render::Image image;
+  Buffers buffers, full_buffers;
+  SuperVoxels foveated;
   for (int round = 0; round < rounds; ++round) {
-    Stopwatch watch;
-    FOVEA_ASSIGN_OR_RETURN(const SuperVoxels foveated,
-                           Reconstruct(source, retained, settings.threads));
-    frames->rebuild.push_back(watch.RestartMs());
-    render::RenderStats counted;
-    FOVEA_RETURN_IF_ERROR(
-        render::RenderFoveated(foveated, Matrix4{}, settings, &scratch, &image, &counted));
-    frames->total.push_back(watch.RestartMs());
-    frames->rays.push_back(counted.render_ms);
-    frames->smooth_warp.push_back(counted.smooth_warp_ms);
-    frames->samples = counted.samples;
-    FOVEA_RETURN_IF_ERROR(
-        render::RenderFoveated(whole, Matrix4{}, settings, &full_scratch, &image));
-    frames->full.push_back(watch.RestartMs());
+    FOVEA_ASSIGN_OR_RETURN(const double rebuild_ms,
+                           TimeReconstruct(source, retained, settings.threads, &foveated));
+    frames->rebuild.push_back(rebuild_ms);
+    FOVEA_ASSIGN_OR_RETURN(const FrameTimes frame, TimeFrame(foveated, settings, &buffers));
+    frames->total.push_back(frame.TotalMs());
+    frames->rays.push_back(frame.rays_ms);
+    frames->smooth_warp.push_back(frame.smooth_warp_ms);
+    frames->samples = frame.samples;
+    FOVEA_ASSIGN_OR_RETURN(const FrameTimes full, TimeFrame(whole, settings, &full_buffers));
+    frames->full.push_back(full.TotalMs());
+    WorkClock watch(settings.threads);
     if (round < plain_rounds) {
       FOVEA_ASSIGN_OR_RETURN(const render::Image plain,
                              render::RenderPlainLoops(volume.voxels, Matrix4{}, settings));
@@ -110,15 +107,13 @@ Status RunThreads(int rounds) {
                            RetainedSet::Make(set.hierarchy, {volume.fovea, rate}));
     FOVEA_ASSIGN_OR_RETURN(const SuperVoxels foveated, Reconstruct(source, retained, 0));
     std::vector<double> times[2];
-    render::FrameScratch scratch;
-    render::Image image;
+    Buffers buffers;
     for (int round = 0; round < rounds; ++round) {
       for (const int threads : {1, 2}) {
         const render::RenderSettings settings =
             SettingsFor(volume.dims, 30, TransferFor(volume.name, false), threads);
-        Stopwatch watch;
-        FOVEA_RETURN_IF_ERROR(
-            render::RenderFoveated(foveated, Matrix4{}, settings, &scratch, &image));
+        const Stopwatch watch;  // the wall clock for both
+        FOVEA_RETURN_IF_ERROR(TimeFrame(foveated, settings, &buffers).status());
         times[threads - 1].push_back(watch.ElapsedMs());
       }
     }

@@ -3,10 +3,9 @@
 #include <cstring>
 #include <vector>
 
-#include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
-#include "engine/render/frame_scratch.h"
 #include "engine/render/renderer.h"
+#include "tests/bench/frame_clock.h"
 #include "tests/bench/scenes.h"
 #include "tests/bench/separable_source.h"
 #include "tests/bench/workloads.h"
@@ -23,36 +22,29 @@ struct Row {
   double m, rebuild, rays, warp, frame, large_frame;
 };
 
-/// Buffers that frames share, as a viewer's do.
-struct Buffers {
-  render::FrameScratch frame;
-  render::Image image;
-};
-
-Status MeasureSize(int64_t n, int threads, Buffers* scratch, double* m, Phases* phases) {
+Status MeasureSize(int64_t n, int threads, Buffers* buffers, double* m, Phases* phases) {
   const auto middle = 0.5 * static_cast<double>(n);
   const Vec3 fovea{middle, middle, middle};
   FOVEA_ASSIGN_OR_RETURN(SeparableSource source, MakeScaleFreeSource(n, fovea));
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(source.hierarchy(), {fovea, 40}));
-  ReconstructStats rebuilt;
-  FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
-                         Reconstruct(source, retained, threads, &rebuilt));
+  SuperVoxels volume;
+  FOVEA_ASSIGN_OR_RETURN(const double rebuild_ms,
+                         TimeReconstruct(source, retained, threads, &volume));
   *m = static_cast<double>(retained.CoefficientCount());
-  phases->rebuild.push_back(rebuilt.reconstruct_ms);
-  render::RenderStats counted;
-  render::RenderSettings small_settings = ScaleFreeSettings(n, 45, threads);
-  small_settings.width_px = small_settings.height_px = 512;
-  for (int repeat = 0; repeat < 2; ++repeat) {
-    FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, small_settings, &scratch->frame,
-                                                 &scratch->image, &counted));
-    phases->rays.push_back(counted.render_ms);
-    phases->warp.push_back(counted.smooth_warp_ms);
+  phases->rebuild.push_back(rebuild_ms);
+  render::RenderSettings settings = ScaleFreeSettings(n, 45, threads);
+  FOVEA_ASSIGN_OR_RETURN(const FrameTimes large, TimeFrame(volume, settings, buffers));
+  phases->large_rays.push_back(large.rays_ms);
+  phases->large_warp.push_back(large.smooth_warp_ms);
+  settings.width_px = settings.height_px = 512;
+  for (int repeat = 0; repeat < 3; ++repeat) {
+    FOVEA_ASSIGN_OR_RETURN(const FrameTimes small, TimeFrame(volume, settings, buffers));
+    if (repeat > 0) {  // the first finds the large picture's buffers
+      phases->rays.push_back(small.rays_ms);
+      phases->warp.push_back(small.smooth_warp_ms);
+    }
   }
-  FOVEA_RETURN_IF_ERROR(render::RenderFoveated(volume, Matrix4{}, ScaleFreeSettings(n, 45, threads),
-                                               &scratch->frame, &scratch->image, &counted));
-  phases->large_rays.push_back(counted.render_ms);
-  phases->large_warp.push_back(counted.smooth_warp_ms);
   return absl::OkStatus();
 }
 
@@ -104,17 +96,14 @@ Status RunSmoothing(int rounds, int threads) {
         SettingsFor(volume.dims, 30, TransferFor(volume.name, false), threads);
     settings.width_px = settings.height_px = kSide;
     std::vector<double> warp, set_ms;
-    render::RenderStats counted;
-    render::FrameScratch scratch;
-    render::Image image;
+    Buffers buffers;
     std::vector<float> picture(size_t{4} * kSide * kSide);
     for (int round = 0; round < rounds; ++round) {
-      FOVEA_RETURN_IF_ERROR(
-          render::RenderFoveated(foveated, Matrix4{}, settings, &scratch, &image, &counted));
-      warp.push_back(counted.smooth_warp_ms);
-      Stopwatch watch;
+      FOVEA_ASSIGN_OR_RETURN(const FrameTimes frame, TimeFrame(foveated, settings, &buffers));
+      warp.push_back(frame.smooth_warp_ms);
+      WorkClock watch(threads);
       std::memset(picture.data(), round, picture.size() * sizeof(float));
-      set_ms.push_back(watch.ElapsedMs());
+      set_ms.push_back(watch.RestartMs());
       volatile const float* used = picture.data();  // so that memset stays
       (void)used[kSide];
     }

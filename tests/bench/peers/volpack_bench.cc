@@ -22,9 +22,8 @@
 
 #include <volpack.h>
 
-#include "engine/base/stopwatch.h"
 #include "engine/fovea/reconstruct.h"
-#include "engine/render/frame_scratch.h"
+#include "tests/bench/frame_clock.h"
 #include "tests/bench/scenes.h"
 
 namespace fovea::bench {
@@ -165,10 +164,10 @@ struct Medians {
   double fovea_ms, classified_ms, anew_ms, raw_ms;
 };
 
-/// A frame in buffers that are kept, as a viewer keeps them.
+/// A frame of ours in buffers that are kept, as a viewer keeps them.
 void RenderOrDie(const SuperVoxels& volume, const render::RenderSettings& settings,
-                 render::FrameScratch* scratch, render::Image* image) {
-  const Status status = render::RenderFoveated(volume, Matrix4{}, settings, scratch, image);
+                 Buffers* buffers) {
+  const Status status = TimeFrame(volume, settings, buffers).status();
   if (!status.ok()) {
     std::fprintf(stderr, "volpack_bench: %s\n", std::string(MessageOf(status)).c_str());
     std::exit(1);
@@ -178,24 +177,23 @@ void RenderOrDie(const SuperVoxels& volume, const render::RenderSettings& settin
 Medians Measure(const SuperVoxels& volume, const render::RenderSettings& settings, int rounds,
                 VolPack* volpack) {
   std::vector<double> fovea, classified, anew, raw;
-  render::FrameScratch scratch;
-  render::Image image;
+  Buffers buffers;
   for (int round = 0; round < rounds; ++round) {
-    Stopwatch watch;
-    RenderOrDie(volume, settings, &scratch, &image);
+    WorkClock watch(1);
+    RenderOrDie(volume, settings, &buffers);
     fovea.push_back(watch.RestartMs());
     volpack->RenderClassified();
     classified.push_back(watch.RestartMs());
   }
   for (int round = 0; round < std::min(rounds, 3); ++round) {
-    Stopwatch watch;
+    WorkClock watch(1);
     volpack->SetTransfer(settings.transfer);
     volpack->Classify();
     volpack->RenderClassified();
     anew.push_back(watch.RestartMs());
     volpack->RenderRaw();
     raw.push_back(watch.RestartMs());
-    RenderOrDie(volume, settings, &scratch, &image);
+    RenderOrDie(volume, settings, &buffers);
     fovea.push_back(watch.RestartMs());
   }
   return {Median(fovea), Median(classified), Median(anew), Median(raw)};
@@ -249,10 +247,9 @@ Status RunTable1(const Options& options, const Volume& volume, const Coefficient
     render::RenderSettings along_x = settings;
     along_x.view = {0, 0, {}, settings.view.span_voxels};
     std::vector<double> plain, make, octree, classify, frame, fovea;
-    render::FrameScratch scratch;
-    render::Image image;
+    Buffers buffers;
     for (int round = 0; round < options.rounds; ++round) {
-      Stopwatch watch;
+      WorkClock watch(1);
       (void)render::RenderPlainLoops(volume.voxels, Matrix4{}, along_x).value();
       plain.push_back(watch.RestartMs());
       VolPack volpack(volume, settings);
@@ -266,7 +263,7 @@ Status RunTable1(const Options& options, const Volume& volume, const Coefficient
       volpack.RenderClassified();
       frame.push_back(watch.RestartMs());
       const SuperVoxels foveated = Reconstruct(source, retained, 1).value();
-      RenderOrDie(foveated, settings, &scratch, &image);
+      RenderOrDie(foveated, settings, &buffers);
       fovea.push_back(watch.RestartMs());
     }
     std::printf("%-10s %-6s %8.1f %8.1f %8.2f %8.2f %8.2f %8.1f\n", volume.name.c_str(),
