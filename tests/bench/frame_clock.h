@@ -58,19 +58,20 @@ inline StatusOr<FrameTimes> TimeFrame(const SuperVoxels& volume,
       render::RenderFrame(volume, Matrix4{}, settings, &buffers->scratch, &stats));
   times.rays_ms = clock.RestartMs();
   render::Expand(buffers->scratch.frame, settings.width_px, settings.height_px, settings.smoothing,
-                 settings.threads, &buffers->scratch.expand, &buffers->image);
+                 settings.basis, settings.threads, &buffers->scratch.expand, &buffers->image);
   times.smooth_warp_ms = clock.RestartMs();
   times.samples = stats.samples;
   return times;
 }
 
-/// Reconstructs into `volume`; milliseconds without the time in the source, which benchmarks make
-/// up.
+/// Reconstructs into `volume`, in its memory; milliseconds without the time in the source, which
+/// benchmarks make up.
 inline StatusOr<double> TimeReconstruct(CoefficientSource& source, const RetainedSet& retained,
                                         int threads, SuperVoxels* volume) {
   WorkClock clock(threads);
   ReconstructStats stats;
-  FOVEA_ASSIGN_OR_RETURN(*volume, Reconstruct(source, retained, threads, &stats));
+  FOVEA_RETURN_IF_ERROR(
+      ReconstructInto(source, retained, threads, Reconstruction::kExact, volume, &stats));
   const double all_ms = clock.RestartMs();
   const double wall_ms = stats.read_ms + stats.reconstruct_ms;
   return wall_ms > 0 ? all_ms * stats.reconstruct_ms / wall_ms : all_ms;
