@@ -131,6 +131,12 @@ void AddExtract(CLI::App* app, ExtractCommand* command) {
 }
 
 void AddPlan(CLI::App* app, PlanCommand* command) {
+  // Sizes are unsigned: "-5" would wrap around. Of transforms the last added comes first.
+  const CLI::Validator not_negative(
+      [](std::string& text) {
+        return text.find('-') == std::string::npos ? "" : text + " is below 0";
+      },
+      "");
   CLI::App* verb = AddVerb(
       app, "plan", "What a picture will cost, or the largest rate that a budget allows",
       "  fovea plan smoke.zarr --step 3 --fovea 19,19,20 --rate 40 --size 1024x1024\n"
@@ -147,12 +153,15 @@ void AddPlan(CLI::App* app, PlanCommand* command) {
       ->type_name("MS");
   verb->add_option("--budget-memory", command->budget.memory_bytes, "Memory, such as 64MiB")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->transform(not_negative)
       ->type_name("BYTES");
   verb->add_option("--budget-bytes", command->budget.bytes_read,
                    "Read from the store, such as 2MiB")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->transform(not_negative)
       ->type_name("BYTES");
   verb->add_option("--budget-coefficients", command->budget.coefficients, "m, such as 500000")
+      ->check(CLI::PositiveNumber)
       ->type_name("M");
   AddPictureFlags(verb, &command->spec);
   AddThreadsFlag(verb, &command->threads);
