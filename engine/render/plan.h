@@ -41,13 +41,13 @@ struct FrameTime {
 /// fitted on the machine of docs/performance.md, chunks in the page cache, smoothing `full`; a
 /// transfer function that leaves much of the volume transparent, or hides it, makes frames faster.
 struct CostModel {
-  double us_per_chunk = 28.0;
-  double ns_per_byte = 1.3;
-  double ns_per_super_voxel = 9.0;
-  double ns_per_sample = 2.0;
-  double ns_per_accumulator_pixel = 60.0;
-  double ns_per_picture_pixel = 12.0;
-  double ns_per_smoothed_pixel = 10.0;  // of the accumulators
+  double us_per_chunk = 51.0;
+  double ns_per_byte = 5.0;
+  double ns_per_super_voxel = 4.4;
+  double ns_per_sample = 2.3;
+  double ns_per_accumulator_pixel = 92.0;
+  double ns_per_picture_pixel = 12.7;
+  double ns_per_smoothed_pixel = 36.0;  // of the accumulators
   /// What a second, third ... thread adds, in threads.
   double gain_per_thread = 0.7;
 };
