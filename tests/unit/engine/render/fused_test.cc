@@ -68,8 +68,11 @@ TEST(FusedTest, TheSameLayersAsTwoPhases) {
   int trial = 0;
   for (const Case& c :
        {Case{{70, 61, 83}, {{30, 30, 40}, 12}}, Case{{64, 64, 64}, {{2, 60, 33}, 7}},
-        Case{{130, 37, 90}, {{120, 20, 45.5}, 17.4}}, Case{{20, 33, 12}, {{10, 30, 6}, 1}},
-        Case{{16, 9, 12}, {{8, 3, 6}, 5}}, Case{{50, 60, 40}, {{25, 30, 20}, 60}}}) {
+        Case{{130, 37, 90}, {{120, 20, 45.5}, 17.4}},
+        Case{{64, 64, 64}, {{20, 30, 33}, 18, WindowShape::kSphere}},
+        Case{{64, 50, 64}, {{20, 30, 33}, 11, WindowShape::kSmooth}},
+        Case{{20, 33, 12}, {{10, 30, 6}, 1}}, Case{{16, 9, 12}, {{8, 3, 6}, 5}},
+        Case{{50, 60, 40}, {{25, 30, 20}, 60}}}) {
     const CoefficientSet set = MakeCoefficients(MakeWavyGrid(c.dims));
     const CoefficientSet second_set =
         MakeCoefficients(MakeGrid(c.dims, [](double x, double y, double z) {

@@ -12,6 +12,7 @@
 
 #include "engine/fovea/coefficient_source.h"
 #include "engine/fovea/reconstruct.h"
+#include "engine/render/lighting.h"
 #include "engine/render/renderer.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/volumes.h"
@@ -207,6 +208,33 @@ TEST(RenderOptionsTest, LightFromTheViewerShadesABall) {
     EXPECT_LT(red(53, 32), 0.62 * red(32, 32)) << "rate " << rate;  // turned away by 60 degrees
     EXPECT_NEAR(red(53, 32), red(10, 32), 0.04) << "rate " << rate;
     EXPECT_NEAR(red(32, 53), red(32, 10), 0.04) << "rate " << rate;
+  }
+}
+
+/// A gradient is a covector: with voxels twice as deep as wide, the plane x + z = const of the
+/// index faces (1, 0, 1/2) in the world.
+TEST(RenderOptionsTest, NormalsAreThoseOfTheWorld) {
+  Matrix4 matrix;
+  matrix.m = {1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 2, 7, 0, 0, 0, 1};
+  for (const OrthographicView& towards :
+       {OrthographicView{0, 0, {}, {}}, OrthographicView{90, 0, {}, {}},
+        OrthographicView{0, 90, {}, {}}}) {
+    const ShearView view = FactorView(towards, {20, 20, 20}, matrix, 8, 8);
+    const KernelLight light = MakeLight({}, Colorful(), view, matrix);
+    Vec3 gradient;  // in (u, v, k)
+    const int axes[3] = {view.axis_u, view.axis_v, view.axis_k};
+    for (int i = 0; i < 3; ++i) {
+      gradient[i] = axes[i] == 1 ? 0 : 1;
+    }
+    Vec3 world;
+    for (int row = 0; row < 3; ++row) {
+      for (int i = 0; i < 3; ++i) {
+        world[row] += static_cast<double>(light.gradient_to_world[3 * row + i]) * gradient[i];
+      }
+    }
+    EXPECT_NEAR(world.x, 1, 1e-6);
+    EXPECT_NEAR(world.y, 0, 1e-6);
+    EXPECT_NEAR(world.z, 0.5, 1e-6);
   }
 }
 

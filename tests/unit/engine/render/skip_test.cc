@@ -50,6 +50,23 @@ TEST(ValueBlocksTest, BoundWhateverASampleReads) {
   }
 }
 
+/// The largest value of a block is at its far corner, which the next block holds too.
+TEST(ValueBlocksTest, ReachThePointsAfterThem) {
+  Grid grid({{0, 0, 0}, {17, 17, 17}});
+  for (int64_t z = 0; z < 17; ++z) {
+    for (int64_t y = 0; y < 17; ++y) {
+      for (int64_t x = 0; x < 17; ++x) {
+        grid.At(x, y, z) = static_cast<float>(x + 100 * y + 10000 * z);
+      }
+    }
+  }
+  const ValueBlocks blocks = MakeValueBlocks(grid, 2);
+  EXPECT_EQ(blocks.high[blocks.Index(0, 0, 0)], 80808);
+  EXPECT_EQ(blocks.high[blocks.Index(1, 0, 1)], 160816);
+  EXPECT_EQ(blocks.low[blocks.Index(1, 0, 1)], 80008);
+  EXPECT_EQ(blocks.high[blocks.Index(2, 2, 2)], 161616);
+}
+
 TEST(ValueBlocksTest, NothingButNanHasNoBounds) {
   const ValueBlocks blocks = MakeValueBlocks(Grid({{0, 0, 0}, {4, 4, 4}}, std::nanf("")), 1);
   EXPECT_GT(blocks.low[0], blocks.high[0]);
@@ -164,6 +181,12 @@ TEST(SpentPixelsTest, APixelCountsWithThoseAroundItThatAreSplit) {
   parent.split[parent.Index(4, 2)] = 0;
   EXPECT_TRUE(is_spent(0, 4, false));
   EXPECT_FALSE(is_spent(0, 4, true));
+  // Nor does it matter in which direction it lies.
+  left[parent.Index(4, 2)] = 0;
+  left[parent.Index(1, 3)] = 0.4F;
+  EXPECT_FALSE(is_spent(0, 4, false));
+  left[parent.Index(1, 3)] = 0;
+  left[parent.Index(4, 2)] = 0.4F;
   std::vector<float> child_reach;
   PassDownReach(parent, left, child, &child_reach);
   EXPECT_FLOAT_EQ(child_reach[child.Index(9, 5)], 0.4F);
