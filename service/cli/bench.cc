@@ -167,8 +167,11 @@ Status MeasureFull(const Bench& bench, Measured* measured) {
 
 /// What this dataset and picture can be compared with; the rest is noted.
 Status ChooseComparisons(Bench* bench) {
+  const render::RenderSettings settings = frames::RenderSettingsOf(bench->spec, 1);
   Measured trial;
-  const Status fused = MeasureFused(*bench, &trial);
+  const Status fused = settings.perspective
+                           ? FailedPrecondition("perspective views are rendered in two phases")
+                           : MeasureFused(*bench, &trial);
   if (absl::IsFailedPrecondition(fused)) {
     bench->with_fused = false;
     bench->notes.push_back("fused: " + std::string(MessageOf(fused)));
@@ -180,9 +183,12 @@ Status ChooseComparisons(Bench* bench) {
     bench->notes.push_back(too_large);
     return absl::OkStatus();
   }
-  if (bench->spec.weighting->kind != render::Weighting::Kind::kNone) {
+  if (settings.perspective || settings.weighting.kind != render::Weighting::Kind::kNone ||
+      !settings.clip.IsEmpty() || settings.lighting.enabled ||
+      settings.compositing != render::Compositing::kEmissionAbsorption) {
     bench->with_plain_loops = false;
-    bench->notes.emplace_back("plain loops know no weighting: not measured");
+    bench->notes.emplace_back(
+        "plain loops know no perspective, weighting, clipping, lighting or maxima: not measured");
   }
   FOVEA_ASSIGN_OR_RETURN(bench->full, LoadFull(*bench));
   return absl::OkStatus();

@@ -1,4 +1,5 @@
 #include <array>
+#include <cmath>
 #include <utility>
 
 #include <CLI/CLI.hpp>
@@ -292,6 +293,9 @@ Status Check(PlanCommand* command) {
   if (command->spec.rate && !command->budget.IsEmpty()) {
     return InvalidArgument("rate {} and a budget: give one of them; a budget chooses the rate",
                            FormatRate(*command->spec.rate));
+  }
+  if (command->budget.ms && !std::isfinite(*command->budget.ms)) {
+    return InvalidArgument("--budget-ms must be a finite number of milliseconds");
   }
   return frames::ValidateSpec(command->spec);
 }

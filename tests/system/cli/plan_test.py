@@ -61,6 +61,7 @@ class Plan(support.FoveaTest):
         self.refused(2, "plan", self.store, "--budget-ms", 16, "--rate", 3, says=["--rate", "budget"])
         self.refused(2, "plan", self.store, "--budget-ms", 0)
         self.refused(2, "plan", self.store, "--budget-bytes", -5)
+        self.refused(2, "plan", self.store, "--budget-ms", "nan", says=["--budget-ms"])
         self.refused(1, "plan", self.store, "--step", 1, says=["step 1"])
 
     def test_people_can_read_it(self):
