@@ -8,22 +8,17 @@
 #include <gtest/gtest.h>
 
 #include "engine/fovea/reconstruct.h"
+#include "tests/support/pictures.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/volumes.h"
 
 namespace fovea::render {
 namespace {
 
+using testing::Colorful;
 using testing::MakeCoefficients;
 using testing::MakeGrid;
 using testing::MakeWavyGrid;
-
-TransferFunction Colorful(float opacity) {
-  return {{{0.1, {0.1F, 0.2F, 0.9F}, 0.0F},
-           {0.4, {0.9F, 0.5F, 0.1F}, opacity},
-           {0.7, {0.2F, 0.9F, 0.3F}, 0.1F},
-           {1.0, {1.0F, 1.0F, 1.0F}, 0.3F}}};
-}
 
 /// The largest difference of anything that two sets of layers hold.
 double LargestDifference(const std::vector<Layer>& a, const std::vector<Layer>& b) {

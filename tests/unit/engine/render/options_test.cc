@@ -14,44 +14,21 @@
 #include "engine/fovea/reconstruct.h"
 #include "engine/render/lighting.h"
 #include "engine/render/renderer.h"
+#include "tests/support/pictures.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/volumes.h"
 
 namespace fovea::render {
 namespace {
 
+using testing::Colorful;
 using testing::FailsWith;
+using testing::LargestDifference;
 using testing::MakeCoefficients;
 using testing::MakeGrid;
+using testing::MakeSuperVoxels;
 using testing::MakeWavyGrid;
-
-TransferFunction Colorful() {
-  return {{{0.1, {0.1F, 0.2F, 0.9F}, 0.0F},
-           {0.4, {0.9F, 0.5F, 0.1F}, 0.04F},
-           {0.7, {0.2F, 0.9F, 0.3F}, 0.1F},
-           {1.0, {1.0F, 1.0F, 1.0F}, 0.3F}}};
-}
-
-SuperVoxels MakeSuperVoxels(const Grid& volume, const Fovea& fovea) {
-  const CoefficientSet set = MakeCoefficients(volume);
-  MemorySource source(set);
-  return Reconstruct(source, RetainedSet::Make(set.hierarchy, fovea).value(), 1).value();
-}
-
-double LargestDifference(const Image& a, const Image& b) {
-  EXPECT_EQ(a.rgba.size(), b.rgba.size());
-  double largest = 0;
-  for (size_t i = 0; i < a.rgba.size(); ++i) {
-    largest = std::max(largest, static_cast<double>(std::abs(a.rgba[i] - b.rgba[i])));
-  }
-  return largest;
-}
-
-Matrix4 Oblique() {
-  Matrix4 matrix;
-  matrix.m = {0.8, -0.45, 0.1, 3, 0.6, 0.6, 0.2, -7, 0.05, 0.1, 1.3, 11, 0, 0, 0, 1};
-  return matrix;
-}
+using testing::Oblique;
 
 struct Option {
   std::string name;
@@ -109,8 +86,8 @@ TEST(RenderOptionsTest, EverythingKeptEqualsFullResolution) {
     return std::sin(0.2 * x) * std::cos(0.15 * y + 0.1 * z);
   });
   const Fovea all{{20, 20, 20}, 51};
-  const SuperVoxels everything = MakeSuperVoxels(volume, all);
-  const SuperVoxels second_everything = MakeSuperVoxels(second, all);
+  const SuperVoxels everything = MakeSuperVoxels(MakeCoefficients(volume), all);
+  const SuperVoxels second_everything = MakeSuperVoxels(MakeCoefficients(second), all);
   std::mt19937 random(5);
   for (const Option& option : Options()) {
     for (int trial = 0; trial < 6; ++trial) {
@@ -141,7 +118,7 @@ TEST(RenderOptionsTest, EverythingKeptEqualsFullResolution) {
 /// What remains of a uniform volume in a box is the path through the box.
 TEST(RenderOptionsTest, AClipBoxLeavesThePathThroughIt) {
   const SuperVoxels volume =
-      MakeSuperVoxels(Grid(Box3::OfSize({64, 64, 64}), 1.0F), {{20, 30, 40}, 9});
+      MakeSuperVoxels(MakeCoefficients(Grid(Box3::OfSize({64, 64, 64}), 1.0F)), {{20, 30, 40}, 9});
   RenderSettings settings;
   settings.transfer = {{{1, {1, 1, 1}, 0.03F}}};
   settings.clip.box = {{Vec3{10.25, 20, 20}, Vec3{43.5, 50, 50}}};
@@ -198,9 +175,9 @@ TEST(RenderOptionsTest, LightFromTheViewerShadesABall) {
   settings.width_px = settings.height_px = 64;
   settings.lighting = {true, 0.1F, 0.9F, 0.0F, 16, {}};
   for (const double rate : {64.0, 16.0}) {  // fine and coarse super-voxels are lit alike
-    ASSERT_OK_AND_ASSIGN(
-        const Image image,
-        RenderFoveated(MakeSuperVoxels(ball, {{32, 32, 32}, rate}), Matrix4{}, settings));
+    ASSERT_OK_AND_ASSIGN(const Image image, RenderFoveated(MakeSuperVoxels(MakeCoefficients(ball),
+                                                                           {{32, 32, 32}, rate}),
+                                                           Matrix4{}, settings));
     const auto red = [&](int i, int j) {
       return image.rgba[static_cast<size_t>(4 * (64 * j + i))];
     };
@@ -239,7 +216,8 @@ TEST(RenderOptionsTest, NormalsAreThoseOfTheWorld) {
 }
 
 TEST(RenderOptionsTest, FullAmbientLightChangesNothing) {
-  const SuperVoxels volume = MakeSuperVoxels(MakeWavyGrid({40, 40, 40}), {{10, 20, 20}, 8});
+  const SuperVoxels volume =
+      MakeSuperVoxels(MakeCoefficients(MakeWavyGrid({40, 40, 40})), {{10, 20, 20}, 8});
   RenderSettings settings;
   settings.transfer = Colorful();
   settings.view = {20, 30, {}, {}};
@@ -250,7 +228,8 @@ TEST(RenderOptionsTest, FullAmbientLightChangesNothing) {
 }
 
 TEST(RenderOptionsTest, BadOptionsAreNamed) {
-  const SuperVoxels volume = MakeSuperVoxels(MakeWavyGrid({20, 20, 20}), {{10, 10, 10}, 8});
+  const SuperVoxels volume =
+      MakeSuperVoxels(MakeCoefficients(MakeWavyGrid({20, 20, 20})), {{10, 10, 10}, 8});
   const auto failure = [&](const std::function<void(RenderSettings*)>& set) {
     RenderSettings settings;
     settings.transfer = Colorful();
@@ -274,7 +253,8 @@ TEST(RenderOptionsTest, BadOptionsAreNamed) {
               FailsWith(absl::StatusCode::kInvalidArgument, "normal"));
   RenderSettings settings;
   settings.transfer = settings.color_transfer = Colorful();
-  const SuperVoxels other = MakeSuperVoxels(MakeWavyGrid({20, 20, 20}), {{9, 10, 10}, 5});
+  const SuperVoxels other =
+      MakeSuperVoxels(MakeCoefficients(MakeWavyGrid({20, 20, 20})), {{9, 10, 10}, 5});
   EXPECT_THAT(RenderFoveated(volume, Matrix4{}, settings, nullptr, &other).status(),
               FailsWith(absl::StatusCode::kInvalidArgument, "another size or fovea"));
 }

@@ -15,42 +15,23 @@
 #include "engine/fovea/coefficient_source.h"
 #include "engine/fovea/reconstruct.h"
 #include "engine/render/renderer.h"
+#include "tests/support/pictures.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/volumes.h"
 
 namespace fovea::render {
 namespace {
 
+using testing::Colorful;
 using testing::FailsWith;
+using testing::LargestDifference;
+using testing::LargestValue;
 using testing::MakeCoefficients;
 using testing::MakeGrid;
+using testing::MakeSuperVoxels;
 using testing::MakeWavyGrid;
+using testing::Oblique;
 constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
-
-TransferFunction Colorful() {
-  return {{{0.1, {0.1F, 0.2F, 0.9F}, 0.0F},
-           {0.4, {0.9F, 0.5F, 0.1F}, 0.04F},
-           {0.7, {0.2F, 0.9F, 0.3F}, 0.1F},
-           {1.0, {1.0F, 1.0F, 1.0F}, 0.3F}}};
-}
-
-SuperVoxels MakeSuperVoxels(const CoefficientSet& set, const Fovea& fovea) {
-  MemorySource source(set);
-  return Reconstruct(source, RetainedSet::Make(set.hierarchy, fovea).value(), 1).value();
-}
-
-double LargestDifference(const Image& a, const Image& b) {
-  EXPECT_EQ(a.rgba.size(), b.rgba.size());
-  double largest = 0;
-  for (size_t i = 0; i < a.rgba.size(); ++i) {
-    largest = std::max(largest, static_cast<double>(std::abs(a.rgba[i] - b.rgba[i])));
-  }
-  return largest;
-}
-
-double LargestValue(const Image& image) {
-  return *std::max_element(image.rgba.begin(), image.rgba.end());
-}
 
 double Psnr(const Image& a, const Image& b) {
   double sum = 0;
@@ -58,13 +39,6 @@ double Psnr(const Image& a, const Image& b) {
     sum += (a.rgba[i] - b.rgba[i]) * (a.rgba[i] - b.rgba[i]);
   }
   return -10 * std::log10(sum / static_cast<double>(a.rgba.size()));
-}
-
-/// A rotation, an anisotropic spacing and a shift, as CT and VDB files have them.
-Matrix4 Oblique() {
-  Matrix4 matrix;
-  matrix.m = {0.8, -0.45, 0.1, 3, 0.6, 0.6, 0.2, -7, 0.05, 0.1, 1.3, 11, 0, 0, 0, 1};
-  return matrix;
 }
 
 Vec3 RandomPoint(std::mt19937* random, const Int3& dims, double lo, double hi) {

@@ -11,43 +11,21 @@
 #include "engine/fovea/coefficient_source.h"
 #include "engine/fovea/reconstruct.h"
 #include "engine/render/renderer.h"
+#include "tests/support/pictures.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/volumes.h"
 
 namespace fovea::render {
 namespace {
 
+using testing::Colorful;
+using testing::LargestDifference;
+using testing::LargestValue;
 using testing::MakeCoefficients;
 using testing::MakeGrid;
+using testing::MakeSuperVoxels;
 using testing::MakeWavyGrid;
-
-/// Points on entries of the table (4095 = 3 x 1365 steps), so that brute force in double may
-/// evaluate the function itself.
-TransferFunction Colorful() {
-  return {{{0.1, {0.1F, 0.2F, 0.9F}, 0.0F},
-           {0.4, {0.9F, 0.5F, 0.1F}, 0.04F},
-           {0.7, {0.2F, 0.9F, 0.3F}, 0.1F},
-           {1.0, {1.0F, 1.0F, 1.0F}, 0.3F}}};
-}
-
-SuperVoxels MakeSuperVoxels(const CoefficientSet& set, const Fovea& fovea) {
-  MemorySource source(set);
-  const RetainedSet retained = RetainedSet::Make(set.hierarchy, fovea).value();
-  return Reconstruct(source, retained, 1).value();
-}
-
-double LargestDifference(const Image& a, const Image& b) {
-  EXPECT_EQ(a.rgba.size(), b.rgba.size());
-  double largest = 0;
-  for (size_t i = 0; i < a.rgba.size(); ++i) {
-    largest = std::max(largest, static_cast<double>(std::abs(a.rgba[i] - b.rgba[i])));
-  }
-  return largest;
-}
-
-double LargestValue(const Image& image) {
-  return *std::max_element(image.rgba.begin(), image.rgba.end());
-}
+using testing::Oblique;
 
 /// Equation (3) for one ray along an axis, in double, straight from its definition: no table, no
 /// sheared grid. Returns premultiplied R, G, B and the cover.
@@ -168,13 +146,6 @@ TEST(ThickRayTest, EqualsBruteForceOnTheFoveatedVolumeAlongEveryAxis) {
       }
     }
   }
-}
-
-/// A rotation, an anisotropic spacing and a shift, as CT and VDB files have them.
-Matrix4 Oblique() {
-  Matrix4 matrix;
-  matrix.m = {0.8, -0.45, 0.1, 3, 0.6, 0.6, 0.2, -7, 0.05, 0.1, 1.3, 11, 0, 0, 0, 1};
-  return matrix;
 }
 
 TEST(ThickRayTest, EverythingKeptEqualsFullResolutionFromAnyDirection) {
