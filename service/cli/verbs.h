@@ -1,0 +1,46 @@
+#ifndef SERVICE_CLI_VERBS_H_
+#define SERVICE_CLI_VERBS_H_
+
+#include <string>
+
+#include "service/cli/commands.h"
+
+namespace CLI {
+class App;
+}
+
+/// The command line of each verb: its flags, which fill `command` (it must outlive parsing), and
+/// what is wrong with a command that the flags one by one cannot tell. parse.cc lists the verbs.
+namespace fovea::cli {
+
+CLI::App* AddIngest(CLI::App* app, IngestCommand* command);
+CLI::App* AddInfo(CLI::App* app, InfoCommand* command);
+CLI::App* AddStats(CLI::App* app, StatsCommand* command);
+CLI::App* AddVerify(CLI::App* app, VerifyCommand* command);
+CLI::App* AddExtract(CLI::App* app, ExtractCommand* command);
+CLI::App* AddPlan(CLI::App* app, PlanCommand* command);
+CLI::App* AddRender(CLI::App* app, RenderCommand* command);
+CLI::App* AddExport(CLI::App* app, ExportCommand* command);
+CLI::App* AddBench(CLI::App* app, BenchCommand* command);
+CLI::App* AddServe(CLI::App* app, ServeCommand* command);
+CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
+
+/// May also fill in what follows from the rest. A verb without one has nothing to check.
+[[nodiscard]] Status Check(InfoCommand* command);
+[[nodiscard]] Status Check(ExtractCommand* command);
+[[nodiscard]] Status Check(PlanCommand* command);
+[[nodiscard]] Status Check(RenderCommand* command);
+[[nodiscard]] Status Check(ExportCommand* command);
+[[nodiscard]] Status Check(BenchCommand* command);
+template <typename T>
+[[nodiscard]] Status Check(T*) {
+  return absl::OkStatus();
+}
+
+/// A verb with its examples, and the positional DS.zarr.
+CLI::App* AddVerb(CLI::App* app, const char* name, const char* help, const char* examples);
+void AddDataset(CLI::App* verb, std::string* dataset);
+
+}  // namespace fovea::cli
+
+#endif  // SERVICE_CLI_VERBS_H_
