@@ -10,9 +10,10 @@ constexpr uint64_t kAbsent = std::numeric_limits<uint64_t>::max();
 
 }  // namespace
 
-StatusOr<int64_t> ReadChunkFile(const std::string& path, std::span<std::byte> raw) {
+StatusOr<int64_t> ReadChunkFile(FileSystem& files, const std::string& path,
+                                std::span<std::byte> raw) {
   const int64_t most = MaxEncodedBytes(static_cast<int64_t>(raw.size()));
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, ReadWholeFile(path, most));
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, ReadWholeFile(files, path, most));
   Decoder decoder;
   FOVEA_RETURN_IF_ERROR(Annotate(decoder.Decode(encoded, raw), fmt::format("{} is damaged", path)));
   return static_cast<int64_t>(encoded.size());

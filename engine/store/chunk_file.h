@@ -18,7 +18,8 @@ namespace fovea::store {
 
 /// Reads the one chunk of a file into `raw`. NOT_FOUND if there is no file; DATA_LOSS naming it if
 /// a checksum or a length does not fit. Returns the bytes read.
-[[nodiscard]] StatusOr<int64_t> ReadChunkFile(const std::string& path, std::span<std::byte> raw);
+[[nodiscard]] StatusOr<int64_t> ReadChunkFile(FileSystem& files, const std::string& path,
+                                              std::span<std::byte> raw);
 
 /// Where a chunk lies in its shard.
 struct ShardEntry {
@@ -77,12 +78,12 @@ struct SeriesChunk {
 /// Reads the chunk that holds the row of `step`, in an array of rows of `width` values (0: the
 /// array has no second axis). A missing file is DATA_LOSS: every committed step has its row.
 template <typename T>
-[[nodiscard]] StatusOr<SeriesChunk<T>> ReadSeries(const std::string& store_path,
+[[nodiscard]] StatusOr<SeriesChunk<T>> ReadSeries(FileSystem& files, const std::string& store_path,
                                                   const std::string& array, int64_t step,
                                                   int64_t steps, int64_t width) {
   SeriesChunk<T> chunk(steps, width == 0 ? 1 : width, T{});
   const std::string path = SeriesPath(store_path, array, step, steps, width != 0);
-  const StatusOr<int64_t> read = ReadChunkFile(path, chunk.Bytes());
+  const StatusOr<int64_t> read = ReadChunkFile(files, path, chunk.Bytes());
   if (absl::IsNotFound(read.status())) {
     return DataLoss("{} is missing", path);
   }

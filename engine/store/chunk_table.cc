@@ -7,9 +7,10 @@
 
 namespace fovea::store {
 
-ChunkTable::ChunkTable(std::string store_path, const std::string& field, int64_t step,
-                       const LevelLayout& layout)
-    : folder_(std::move(store_path) + "/" + TablePath(field, layout.width)),
+ChunkTable::ChunkTable(FileSystem& files, std::string store_path, const std::string& field,
+                       int64_t step, const LevelLayout& layout)
+    : files_(files),
+      folder_(std::move(store_path) + "/" + TablePath(field, layout.width)),
       step_(step),
       layout_(layout) {}
 
@@ -32,7 +33,8 @@ StatusOr<const std::vector<float>*> ChunkTable::Block(const Int3& block, uint64_
   }
   std::vector<float> values(static_cast<size_t>(layout_.table_edge.Product()));
   const std::string path = folder_ + "/" + SpaceChunkName(step_, block, /*with_bands=*/false);
-  const StatusOr<int64_t> read = ReadChunkFile(path, std::as_writable_bytes(std::span(values)));
+  const StatusOr<int64_t> read =
+      ReadChunkFile(files_, path, std::as_writable_bytes(std::span(values)));
   if (absl::IsNotFound(read.status())) {
     values.clear();
   } else if (!read.ok()) {

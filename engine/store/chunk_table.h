@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/store/file_system.h"
 #include "engine/store/layout.h"
 
 namespace fovea::store {
@@ -17,7 +18,7 @@ namespace fovea::store {
 /// Blocks are read as they are asked for, and kept. Thread-safe.
 class ChunkTable {
  public:
-  ChunkTable(std::string store_path, const std::string& field, int64_t step,
+  ChunkTable(FileSystem& files, std::string store_path, const std::string& field, int64_t step,
              const LevelLayout& layout);
 
   /// One block, [z][y][x] of layout.table_edge entries; empty if its file is not there, which is
@@ -32,6 +33,7 @@ class ChunkTable {
   [[nodiscard]] size_t IndexInBlock(const Int3& chunk) const;
 
  private:
+  FileSystem& files_;
   std::string folder_;
   int64_t step_;
   LevelLayout layout_;

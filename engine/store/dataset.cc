@@ -20,12 +20,12 @@ const std::string& DatasetInfo::TypeOf(const std::string& field) const {
 namespace {
 
 /// Every array must be what the group says, and have the committed steps.
-Status CheckArrays(const std::string& path, const DatasetInfo& info) {
+Status CheckArrays(FileSystem& files, const std::string& path, const DatasetInfo& info) {
   for (const FieldInfo& field : info.fields) {
-    FOVEA_RETURN_IF_ERROR(CheckFieldGroup(path, field.name));
+    FOVEA_RETURN_IF_ERROR(CheckFieldGroup(files, path, field.name));
   }
   for (const ArraySpec& array : AllArrays(info)) {
-    FOVEA_ASSIGN_OR_RETURN(const int64_t steps, ReadArraySteps(path, array));
+    FOVEA_ASSIGN_OR_RETURN(const int64_t steps, ReadArraySteps(files, path, array));
     if (steps < info.committed_steps) {
       return DataLoss("{}/{} has {} steps, the store {}", path, array.path, steps,
                       info.committed_steps);
@@ -36,8 +36,8 @@ Status CheckArrays(const std::string& path, const DatasetInfo& info) {
 
 class StoredDataset final : public Dataset {
  public:
-  StoredDataset(std::string path, DatasetInfo info)
-      : path_(std::move(path)), info_(std::move(info)) {}
+  StoredDataset(FileSystem& files, std::string path, DatasetInfo info)
+      : files_(files), path_(std::move(path)), info_(std::move(info)) {}
 
   [[nodiscard]] const std::string& path() const override { return path_; }
   [[nodiscard]] DatasetInfo info() const override {
@@ -56,13 +56,14 @@ class StoredDataset final : public Dataset {
   [[nodiscard]] Status CheckStep(int64_t step) const;
   [[nodiscard]] Status CheckField(const std::string& field) const;
 
+  FileSystem& files_;
   const std::string path_;
   mutable std::mutex mutex_;
   DatasetInfo info_;  // guarded by mutex_
 };
 
 Status StoredDataset::Refresh() {
-  FOVEA_ASSIGN_OR_RETURN(DatasetInfo fresh, ReadGroup(path_));
+  FOVEA_ASSIGN_OR_RETURN(DatasetInfo fresh, ReadGroup(files_, path_));
   const auto same_name = [](const FieldInfo& a, const FieldInfo& b) { return a.name == b.name; };
   const std::lock_guard lock(mutex_);
   if (fresh.hierarchy != info_.hierarchy || fresh.chunk_edge != info_.chunk_edge ||
@@ -99,8 +100,9 @@ Status StoredDataset::CheckField(const std::string& field) const {
 
 StatusOr<int64_t> StoredDataset::TimeNs(int64_t step) {
   FOVEA_RETURN_IF_ERROR(CheckStep(step));
-  FOVEA_ASSIGN_OR_RETURN(SeriesChunk<int64_t> chunk,
-                         ReadSeries<int64_t>(path_, std::string(kTimePath), step, kSeriesSteps, 0));
+  FOVEA_ASSIGN_OR_RETURN(
+      SeriesChunk<int64_t> chunk,
+      ReadSeries<int64_t>(files_, path_, std::string(kTimePath), step, kSeriesSteps, 0));
   return chunk.Row(step)[0];
 }
 
@@ -108,7 +110,7 @@ StatusOr<std::optional<int64_t>> StoredDataset::FrameNumber(int64_t step) {
   FOVEA_RETURN_IF_ERROR(CheckStep(step));
   FOVEA_ASSIGN_OR_RETURN(
       SeriesChunk<int64_t> chunk,
-      ReadSeries<int64_t>(path_, std::string(kFrameNumberPath), step, kSeriesSteps, 0));
+      ReadSeries<int64_t>(files_, path_, std::string(kFrameNumberPath), step, kSeriesSteps, 0));
   const int64_t number = chunk.Row(step)[0];
   return number == kNoFrameNumber ? std::nullopt : std::optional(number);
 }
@@ -116,11 +118,12 @@ StatusOr<std::optional<int64_t>> StoredDataset::FrameNumber(int64_t step) {
 StatusOr<FieldStats> StoredDataset::Stats(int64_t step, const std::string& field) {
   FOVEA_RETURN_IF_ERROR(CheckStep(step));
   FOVEA_RETURN_IF_ERROR(CheckField(field));
-  FOVEA_ASSIGN_OR_RETURN(SeriesChunk<double> range,
-                         ReadSeries<double>(path_, StatsPath(field), step, kSeriesSteps, 2));
+  FOVEA_ASSIGN_OR_RETURN(
+      SeriesChunk<double> range,
+      ReadSeries<double>(files_, path_, StatsPath(field), step, kSeriesSteps, 2));
   FOVEA_ASSIGN_OR_RETURN(
       SeriesChunk<uint64_t> histogram,
-      ReadSeries<uint64_t>(path_, HistogramPath(field), step, kHistogramSteps, 256));
+      ReadSeries<uint64_t>(files_, path_, HistogramPath(field), step, kHistogramSteps, 256));
   FieldStats stats;
   stats.minimum = range.Row(step)[0];
   stats.maximum = range.Row(step)[1];
@@ -134,16 +137,16 @@ StatusOr<std::unique_ptr<StepSource>> StoredDataset::OpenStep(int64_t step,
                                                               OnDamage on_damage) {
   FOVEA_RETURN_IF_ERROR(CheckStep(step));
   FOVEA_RETURN_IF_ERROR(CheckField(field));
-  return MakeStepSource(path_, info(), step, field, on_damage);
+  return MakeStepSource(files_, path_, info(), step, field, on_damage);
 }
 
 }  // namespace
 
-StatusOr<std::shared_ptr<Dataset>> Dataset::Open(const std::string& path) {
+StatusOr<std::shared_ptr<Dataset>> Dataset::Open(const std::string& path, FileSystem& files) {
   FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
-  FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(store));
-  FOVEA_RETURN_IF_ERROR(CheckArrays(store, info));
-  return std::make_shared<StoredDataset>(store, std::move(info));
+  FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(files, store));
+  FOVEA_RETURN_IF_ERROR(CheckArrays(files, store, info));
+  return std::make_shared<StoredDataset>(files, store, std::move(info));
 }
 
 }  // namespace fovea::store

@@ -9,6 +9,7 @@
 
 #include "engine/base/status.h"
 #include "engine/fovea/coefficient_source.h"
+#include "engine/store/file_system.h"
 #include "engine/volume/brick_grid.h"
 #include "engine/volume/geometry.h"
 #include "engine/volume/hierarchy.h"
@@ -72,7 +73,8 @@ class Dataset {
  public:
   /// `path` is the NAME.zarr directory. NOT_FOUND if there is none; FAILED_PRECONDITION if it is
   /// not a Fovea store or of a newer format; DATA_LOSS if its metadata is damaged.
-  [[nodiscard]] static StatusOr<std::shared_ptr<Dataset>> Open(const std::string& path);
+  [[nodiscard]] static StatusOr<std::shared_ptr<Dataset>> Open(
+      const std::string& path, FileSystem& files = RealFileSystem());
   virtual ~Dataset() = default;
 
   [[nodiscard]] virtual const std::string& path() const = 0;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <map>
 #include <set>
 #include <span>
@@ -28,8 +27,6 @@
 namespace fovea::store {
 namespace {
 
-namespace fs = std::filesystem;
-
 /// The rows in memory of the small arrays whose chunks a commit rewrites.
 struct FieldSeries {
   SeriesChunk<double> stats{kSeriesSteps, 2, 0.0};
@@ -51,33 +48,34 @@ void ClearFrom(int64_t step, T fill, SeriesChunk<T>* chunk) {
 
 /// The chunk that the row of step `next` goes into, with the rows of the steps before it.
 template <typename T>
-Status LoadSeries(const std::string& store_path, const std::string& array, int64_t next,
-                  bool has_rows, T fill, SeriesChunk<T>* chunk) {
+Status LoadSeries(FileSystem& files, const std::string& store_path, const std::string& array,
+                  int64_t next, bool has_rows, T fill, SeriesChunk<T>* chunk) {
   if (next % chunk->steps != 0) {
-    FOVEA_ASSIGN_OR_RETURN(*chunk, ReadSeries<T>(store_path, array, next - 1, chunk->steps,
+    FOVEA_ASSIGN_OR_RETURN(*chunk, ReadSeries<T>(files, store_path, array, next - 1, chunk->steps,
                                                  has_rows ? chunk->width : 0));
   }
   ClearFrom(next, fill, chunk);
   return absl::OkStatus();
 }
 
-StatusOr<Series> LoadAllSeries(const std::string& path, const DatasetInfo& info) {
+StatusOr<Series> LoadAllSeries(FileSystem& files, const std::string& path,
+                               const DatasetInfo& info) {
   Series series;
   const int64_t next = info.committed_steps;
   const std::string time(kTimePath);
-  FOVEA_RETURN_IF_ERROR(LoadSeries<int64_t>(path, time, next, false, 0, &series.time));
-  FOVEA_RETURN_IF_ERROR(LoadSeries<int64_t>(path, std::string(kFrameNumberPath), next, false,
+  FOVEA_RETURN_IF_ERROR(LoadSeries<int64_t>(files, path, time, next, false, 0, &series.time));
+  FOVEA_RETURN_IF_ERROR(LoadSeries<int64_t>(files, path, std::string(kFrameNumberPath), next, false,
                                             kNoFrameNumber, &series.frame_number));
   for (const FieldInfo& field : info.fields) {
     FieldSeries& rows = series.fields[field.name];
     FOVEA_RETURN_IF_ERROR(
-        LoadSeries<double>(path, StatsPath(field.name), next, true, 0.0, &rows.stats));
-    FOVEA_RETURN_IF_ERROR(
-        LoadSeries<uint64_t>(path, HistogramPath(field.name), next, true, 0, &rows.histogram));
+        LoadSeries<double>(files, path, StatsPath(field.name), next, true, 0.0, &rows.stats));
+    FOVEA_RETURN_IF_ERROR(LoadSeries<uint64_t>(files, path, HistogramPath(field.name), next, true,
+                                               0, &rows.histogram));
   }
   if (next > 0) {
     FOVEA_ASSIGN_OR_RETURN(SeriesChunk<int64_t> last,
-                           ReadSeries<int64_t>(path, time, next - 1, kSeriesSteps, 0));
+                           ReadSeries<int64_t>(files, path, time, next - 1, kSeriesSteps, 0));
     series.last_time_ns = last.Row(next - 1)[0];
   }
   return series;
@@ -101,12 +99,13 @@ std::string MetadataPath(const std::string& folder) {
 
 class Writer final : public DatasetWriter {
  public:
-  Writer(std::string path, DatasetInfo info, WriterLock lock, Series series)
+  Writer(FileSystem& files, std::string path, DatasetInfo info, WriterLock lock, Series series)
       : path_(std::move(path)),
         info_(std::move(info)),
         lock_(std::move(lock)),
         arrays_(AllArrays(info_)),
-        series_(std::move(series)) {}
+        series_(std::move(series)),
+        batch_(files) {}
 
   [[nodiscard]] const DatasetInfo& info() const override { return info_; }
   [[nodiscard]] Status WriteField(const std::string& field, const CoefficientSet& coefficients,
@@ -331,39 +330,53 @@ Status Writer::Commit(int64_t time_ns, std::optional<int64_t> frame_number) {
   return absl::OkStatus();
 }
 
+/// ALREADY_EXISTS if there is anything below `path` that an unfinished Create does not leave.
+Status CheckUnfinished(FileSystem& files, const std::string& path) {
+  std::vector<DirectoryEntry> entries;
+  if (const int listed = files.List(path, &entries); listed < 0) {
+    return ErrnoStatus(-listed, "cannot list", path);
+  }
+  for (const DirectoryEntry& entry : entries) {
+    const std::string inside = fmt::format("{}/{}", path, entry.name);
+    if (entry.is_directory) {
+      FOVEA_RETURN_IF_ERROR(CheckUnfinished(files, inside));
+    } else if (entry.name != kMetadataName && entry.name != kLockName &&
+               !IsTemporaryName(entry.name)) {
+      return AlreadyExists("{} exists and holds {}; choose another name, or remove it first", path,
+                           inside);
+    }
+  }
+  return absl::OkStatus();
+}
+
 /// Removes what a killed Create left: folders, zarr.json and temporary files. ALREADY_EXISTS,
 /// touching nothing, if there is anything else.
-Status SweepUnfinished(const std::string& path) {
-  std::error_code error;
-  for (fs::recursive_directory_iterator entry(path, error), end; !error && entry != end;
-       entry.increment(error)) {
-    const std::string name = entry->path().filename().string();
-    const bool ours = entry->symlink_status().type() == fs::file_type::directory ||
-                      name == kMetadataName || name == kLockName || IsTemporaryName(name);
-    if (!ours) {
-      return AlreadyExists("{} exists and holds {}; choose another name, or remove it first", path,
-                           entry->path().string());
+Status SweepUnfinished(FileSystem& files, const std::string& path) {
+  FOVEA_RETURN_IF_ERROR(CheckUnfinished(files, path));
+  std::vector<DirectoryEntry> entries;
+  if (const int listed = files.List(path, &entries); listed < 0) {
+    return ErrnoStatus(-listed, "cannot list", path);
+  }
+  for (const DirectoryEntry& entry : entries) {
+    const std::string inside = fmt::format("{}/{}", path, entry.name);
+    if (entry.name != kLockName) {
+      FOVEA_RETURN_IF_ERROR(entry.is_directory ? RemoveTree(files, inside)
+                                               : RemoveFile(files, inside));
     }
   }
-  for (fs::directory_iterator entry(path, error), end; !error && entry != end;
-       entry.increment(error)) {
-    if (entry->path().filename() != kLockName) {
-      fs::remove_all(entry->path(), error);
-    }
-  }
-  return error ? ErrnoStatus(error.value(), "cannot clear", path) : absl::OkStatus();
+  return absl::OkStatus();
 }
 
 /// Makes `path` an empty directory that only we write to.
-StatusOr<WriterLock> ClaimDirectory(const std::string& path) {
-  if (const Status made = MakeDirectory(path); !made.ok() && !absl::IsAlreadyExists(made)) {
+StatusOr<WriterLock> ClaimDirectory(FileSystem& files, const std::string& path) {
+  if (const Status made = MakeDirectory(files, path); !made.ok() && !absl::IsAlreadyExists(made)) {
     return made;
   }
   const auto exists = [&](std::string_view why) {
     return AlreadyExists("{} exists{}; append to it, choose another name, or remove it first", path,
                          why);
   };
-  StatusOr<std::vector<std::string>> names = ListDirectory(path);
+  StatusOr<std::vector<std::string>> names = ListDirectory(files, path);
   if (!names.ok()) {
     return absl::IsFailedPrecondition(names.status()) ? exists(" and is not a folder to write to")
                                                       : names.status();
@@ -372,30 +385,30 @@ StatusOr<WriterLock> ClaimDirectory(const std::string& path) {
   if (!names->empty() && std::find(names->begin(), names->end(), kLockName) == names->end()) {
     return exists("");
   }
-  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(path));
-  FOVEA_ASSIGN_OR_RETURN(names, ListDirectory(path));
+  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(files, path));
+  FOVEA_ASSIGN_OR_RETURN(names, ListDirectory(files, path));
   if (std::find(names->begin(), names->end(), kMetadataName) != names->end()) {
     return exists("");
   }
-  FOVEA_RETURN_IF_ERROR(SweepUnfinished(path));
-  FOVEA_RETURN_IF_ERROR(FlushDirectory(DirectoryOf(path)));
+  FOVEA_RETURN_IF_ERROR(SweepUnfinished(files, path));
+  FOVEA_RETURN_IF_ERROR(FlushDirectory(files, DirectoryOf(path)));
   return lock;
 }
 
 /// The folders and metadata of a store without steps; the group's zarr.json appears last.
-Status WriteEmptyStore(const std::string& path, const DatasetInfo& info) {
-  FileBatch batch;
+Status WriteEmptyStore(FileSystem& files, const std::string& path, const DatasetInfo& info) {
+  FileBatch batch(files);
   std::set<std::string> made;
   const std::vector<ArraySpec> arrays = AllArrays(info);
   for (const FieldInfo& field : info.fields) {
-    FOVEA_RETURN_IF_ERROR(MakeDirectory(path + "/" + field.name));
+    FOVEA_RETURN_IF_ERROR(MakeDirectory(files, path + "/" + field.name));
     FOVEA_RETURN_IF_ERROR(
         WriteText(MetadataPath(path + "/" + field.name), FieldGroupJson(), &batch));
   }
   for (const ArraySpec& array : arrays) {
-    FOVEA_RETURN_IF_ERROR(MakeDirectory(path + "/" + array.path));
+    FOVEA_RETURN_IF_ERROR(MakeDirectory(files, path + "/" + array.path));
   }
-  FOVEA_RETURN_IF_ERROR(FlushDirectory(path));
+  FOVEA_RETURN_IF_ERROR(FlushDirectory(files, path));
   FOVEA_RETURN_IF_ERROR(WriteMetadata(path, info, arrays, &batch));
   FOVEA_RETURN_IF_ERROR(batch.Flush());
   return batch.Publish();
@@ -403,47 +416,48 @@ Status WriteEmptyStore(const std::string& path, const DatasetInfo& info) {
 
 /// Removes temporary files, and files of steps that are not committed, from one array's folder;
 /// cuts the array back to `steps`.
-Status SweepArray(const std::string& path, const ArraySpec& array, int64_t steps) {
-  FOVEA_ASSIGN_OR_RETURN(const int64_t array_steps, ReadArraySteps(path, array));
+Status SweepArray(FileSystem& files, const std::string& path, const ArraySpec& array,
+                  int64_t steps) {
+  FOVEA_ASSIGN_OR_RETURN(const int64_t array_steps, ReadArraySteps(files, path, array));
   const std::string folder = path + "/" + array.path;
   if (array_steps < steps) {
     return DataLoss("{} has {} steps, the store {}", folder, array_steps, steps);
   }
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListDirectory(folder));
-  const int64_t files = (steps + array.FileSteps() - 1) / array.FileSteps();
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListDirectory(files, folder));
+  const int64_t chunk_files = (steps + array.FileSteps() - 1) / array.FileSteps();
   for (const std::string& name : names) {
     const auto indices = ParseChunkName(name, array.shape.size() + 1);
-    if (IsTemporaryName(name) || (indices && indices->front() >= files)) {
-      FOVEA_RETURN_IF_ERROR(RemoveFile(fmt::format("{}/{}", folder, name)));
+    if (IsTemporaryName(name) || (indices && indices->front() >= chunk_files)) {
+      FOVEA_RETURN_IF_ERROR(RemoveFile(files, fmt::format("{}/{}", folder, name)));
     }
   }
   if (array_steps == steps) {
     return absl::OkStatus();
   }
-  FileBatch batch;
+  FileBatch batch(files);
   FOVEA_RETURN_IF_ERROR(WriteText(MetadataPath(folder), ArrayJson(array, steps), &batch));
   FOVEA_RETURN_IF_ERROR(batch.Flush());
   return batch.Publish();
 }
 
-Status SweepTemporaryFiles(const std::string& folder) {
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListDirectory(folder));
+Status SweepTemporaryFiles(FileSystem& files, const std::string& folder) {
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListDirectory(files, folder));
   for (const std::string& name : names) {
     if (IsTemporaryName(name)) {
-      FOVEA_RETURN_IF_ERROR(RemoveFile(fmt::format("{}/{}", folder, name)));
+      FOVEA_RETURN_IF_ERROR(RemoveFile(files, fmt::format("{}/{}", folder, name)));
     }
   }
   return absl::OkStatus();
 }
 
-Status SweepStore(const std::string& path, const DatasetInfo& info) {
-  FOVEA_RETURN_IF_ERROR(SweepTemporaryFiles(path));
+Status SweepStore(FileSystem& files, const std::string& path, const DatasetInfo& info) {
+  FOVEA_RETURN_IF_ERROR(SweepTemporaryFiles(files, path));
   for (const FieldInfo& field : info.fields) {
-    FOVEA_RETURN_IF_ERROR(CheckFieldGroup(path, field.name));
-    FOVEA_RETURN_IF_ERROR(SweepTemporaryFiles(path + "/" + field.name));
+    FOVEA_RETURN_IF_ERROR(CheckFieldGroup(files, path, field.name));
+    FOVEA_RETURN_IF_ERROR(SweepTemporaryFiles(files, path + "/" + field.name));
   }
   for (const ArraySpec& array : AllArrays(info)) {
-    FOVEA_RETURN_IF_ERROR(SweepArray(path, array, info.committed_steps));
+    FOVEA_RETURN_IF_ERROR(SweepArray(files, path, array, info.committed_steps));
   }
   return absl::OkStatus();
 }
@@ -451,7 +465,8 @@ Status SweepStore(const std::string& path, const DatasetInfo& info) {
 }  // namespace
 
 StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Create(const std::string& path,
-                                                               const DatasetInfo& info) {
+                                                               const DatasetInfo& info,
+                                                               FileSystem& files) {
   FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
   DatasetInfo empty = info;
   empty.committed_steps = 0;
@@ -462,20 +477,23 @@ StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Create(const std::string
   std::sort(empty.fields.begin(), empty.fields.end(),
             [](const FieldInfo& a, const FieldInfo& b) { return a.name < b.name; });
   FOVEA_RETURN_IF_ERROR(GroupJson(empty).status());  // before anything is made
-  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, ClaimDirectory(store));
-  FOVEA_RETURN_IF_ERROR(WriteEmptyStore(store, empty));
-  FOVEA_ASSIGN_OR_RETURN(Series series, LoadAllSeries(store, empty));
-  return std::make_unique<Writer>(store, std::move(empty), std::move(lock), std::move(series));
+  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, ClaimDirectory(files, store));
+  FOVEA_RETURN_IF_ERROR(WriteEmptyStore(files, store, empty));
+  FOVEA_ASSIGN_OR_RETURN(Series series, LoadAllSeries(files, store, empty));
+  return std::make_unique<Writer>(files, store, std::move(empty), std::move(lock),
+                                  std::move(series));
 }
 
-StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Append(const std::string& path) {
+StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Append(const std::string& path,
+                                                               FileSystem& files) {
   FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
-  FOVEA_RETURN_IF_ERROR(ReadGroup(store).status());  // no lock file in what is no store
-  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(store));
-  FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(store));
-  FOVEA_RETURN_IF_ERROR(SweepStore(store, info));
-  FOVEA_ASSIGN_OR_RETURN(Series series, LoadAllSeries(store, info));
-  return std::make_unique<Writer>(store, std::move(info), std::move(lock), std::move(series));
+  FOVEA_RETURN_IF_ERROR(ReadGroup(files, store).status());  // no lock file in what is no store
+  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(files, store));
+  FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(files, store));
+  FOVEA_RETURN_IF_ERROR(SweepStore(files, store, info));
+  FOVEA_ASSIGN_OR_RETURN(Series series, LoadAllSeries(files, store, info));
+  return std::make_unique<Writer>(files, store, std::move(info), std::move(lock),
+                                  std::move(series));
 }
 
 }  // namespace fovea::store

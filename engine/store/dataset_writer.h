@@ -9,6 +9,7 @@
 
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
+#include "engine/store/file_system.h"
 #include "engine/volume/coefficient_set.h"
 
 namespace fovea::store {
@@ -24,10 +25,11 @@ class DatasetWriter {
   /// A new, empty store. ALREADY_EXISTS if `path` exists (unless it is an empty directory).
   /// `info` gives all but committed_steps and value ranges; field names must be usable as folder
   /// names ([A-Za-z0-9_.-]+, not starting with '.').
-  [[nodiscard]] static StatusOr<std::unique_ptr<DatasetWriter>> Create(const std::string& path,
-                                                                       const DatasetInfo& info);
+  [[nodiscard]] static StatusOr<std::unique_ptr<DatasetWriter>> Create(
+      const std::string& path, const DatasetInfo& info, FileSystem& files = RealFileSystem());
   /// Opens an existing store to append. FAILED_PRECONDITION if another writer holds it.
-  [[nodiscard]] static StatusOr<std::unique_ptr<DatasetWriter>> Append(const std::string& path);
+  [[nodiscard]] static StatusOr<std::unique_ptr<DatasetWriter>> Append(
+      const std::string& path, FileSystem& files = RealFileSystem());
   virtual ~DatasetWriter() = default;
 
   [[nodiscard]] virtual const DatasetInfo& info() const = 0;

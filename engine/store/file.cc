@@ -1,41 +1,29 @@
 #include "engine/store/file.h"
 
-#include <fcntl.h>
-#include <sys/file.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <ctime>
-#include <memory>
 #include <set>
 #include <system_error>
-
-#include <dirent.h>
 
 namespace fovea::store {
 namespace {
 
 constexpr std::string_view kTemporarySuffix = ".tmp";
 
-int OpenRetrying(const std::string& path, int flags, mode_t mode = 0) {
-  int fd = -1;
-  do {
-    fd = ::open(path.c_str(), flags | O_CLOEXEC, mode);
-  } while (fd < 0 && errno == EINTR);
-  return fd;
-}
+using Access = FileSystem::Access;
 
-/// fsync through a descriptor of its own; a write error that nobody was told of yet comes here.
-Status FlushPath(const std::string& path, int flags) {
-  const Descriptor fd(OpenRetrying(path, flags));
-  if (fd.get() < 0) {
-    return ErrnoStatus(errno, "cannot open", path);
+/// Flushes through a handle of its own; a write error that nobody was told of yet comes here.
+Status FlushPath(FileSystem& files, const std::string& path, Access access) {
+  const Handle handle(files, files.Open(path, access));
+  if (!handle.ok()) {
+    return ErrnoStatus(-handle.get(), "cannot open", path);
   }
-  if (::fsync(fd.get()) != 0) {
-    return ErrnoStatus(errno, "cannot flush", path);
+  if (const int flushed = files.Flush(handle.get()); flushed < 0) {
+    return ErrnoStatus(-flushed, "cannot flush", path);
   }
   return absl::OkStatus();
 }
@@ -65,41 +53,40 @@ Status ErrnoStatus(int error, std::string_view action, const std::string& path) 
   }
 }
 
-Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
-  std::swap(fd_, other.fd_);
+Handle& Handle::operator=(Handle&& other) noexcept {
+  std::swap(files_, other.files_);
+  std::swap(opened_, other.opened_);
   return *this;
 }
 
-Descriptor::~Descriptor() {
-  if (fd_ >= 0) {
-    ::close(fd_);
+Handle::~Handle() {
+  if (opened_ >= 0) {
+    files_->Close(opened_);
   }
 }
 
-StatusOr<ReadableFile> ReadableFile::Open(const std::string& path) {
+StatusOr<ReadableFile> ReadableFile::Open(FileSystem& files, const std::string& path) {
   ReadableFile file;
   file.path_ = path;
-  // O_NONBLOCK: a pipe put in a file's place must not hang the reader.
-  file.fd_ = Descriptor(OpenRetrying(path, O_RDONLY | O_NONBLOCK));
-  struct stat info {};
-  if (file.fd_.get() < 0 || ::fstat(file.fd_.get(), &info) != 0) {
-    return ErrnoStatus(errno, "cannot open", path);
+  file.handle_ = Handle(files, files.Open(path, Access::kRead));
+  if (!file.handle_.ok()) {
+    return ErrnoStatus(-file.handle_.get(), "cannot open", path);
   }
-  if (!S_ISREG(info.st_mode)) {
+  file.size_ = files.Size(file.handle_.get());
+  if (file.size_ == -EINVAL) {
     return FailedPrecondition("cannot read {}: not a regular file", path);
   }
-  file.size_ = info.st_size;
+  if (file.size_ < 0) {
+    return ErrnoStatus(static_cast<int>(-file.size_), "cannot open", path);
+  }
   return file;
 }
 
 Status ReadableFile::ReadAt(int64_t offset, std::span<std::byte> out) const {
   while (!out.empty()) {
-    const ssize_t got = ::pread(fd_.get(), out.data(), out.size(), offset);
-    if (got < 0 && errno == EINTR) {
-      continue;
-    }
+    const int64_t got = handle_.files().ReadAt(handle_.get(), offset, out);
     if (got < 0) {
-      return ErrnoStatus(errno, "cannot read", path_);
+      return ErrnoStatus(static_cast<int>(-got), "cannot read", path_);
     }
     if (got == 0) {
       return DataLoss("{} ends {} bytes too early", path_, out.size());
@@ -110,8 +97,9 @@ Status ReadableFile::ReadAt(int64_t offset, std::span<std::byte> out) const {
   return absl::OkStatus();
 }
 
-StatusOr<std::vector<std::byte>> ReadWholeFile(const std::string& path, int64_t max_bytes) {
-  FOVEA_ASSIGN_OR_RETURN(const ReadableFile file, ReadableFile::Open(path));
+StatusOr<std::vector<std::byte>> ReadWholeFile(FileSystem& files, const std::string& path,
+                                               int64_t max_bytes) {
+  FOVEA_ASSIGN_OR_RETURN(const ReadableFile file, ReadableFile::Open(files, path));
   if (file.size() > max_bytes) {
     return DataLoss("{} has {} bytes, at most {} can be right", path, file.size(), max_bytes);
   }
@@ -120,24 +108,21 @@ StatusOr<std::vector<std::byte>> ReadWholeFile(const std::string& path, int64_t 
   return bytes;
 }
 
-StatusOr<WritableFile> WritableFile::Create(const std::string& path) {
+StatusOr<WritableFile> WritableFile::Create(FileSystem& files, const std::string& path) {
   WritableFile file;
   file.path_ = path;
-  file.fd_ = Descriptor(OpenRetrying(path, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW, 0666));
-  if (file.fd_.get() < 0) {
-    return ErrnoStatus(errno, "cannot create", path);
+  file.handle_ = Handle(files, files.Open(path, Access::kCreate));
+  if (!file.handle_.ok()) {
+    return ErrnoStatus(-file.handle_.get(), "cannot create", path);
   }
   return file;
 }
 
 Status WritableFile::Append(std::span<const std::byte> bytes) {
   while (!bytes.empty()) {
-    const ssize_t put = ::write(fd_.get(), bytes.data(), bytes.size());
-    if (put < 0 && errno == EINTR) {
-      continue;
-    }
+    const int64_t put = handle_.files().Write(handle_.get(), bytes);
     if (put < 0) {
-      return ErrnoStatus(errno, "cannot write", path_);
+      return ErrnoStatus(static_cast<int>(-put), "cannot write", path_);
     }
     size_ += static_cast<uint64_t>(put);
     bytes = bytes.subspan(static_cast<size_t>(put));
@@ -168,47 +153,50 @@ std::string DirectoryOf(const std::string& path) {
   return slash == std::string::npos ? "." : slash == 0 ? "/" : path.substr(0, slash);
 }
 
-Status FlushDirectory(const std::string& path) {
-  return FlushPath(path, O_RDONLY | O_DIRECTORY);
+Status FlushDirectory(FileSystem& files, const std::string& path) {
+  return FlushPath(files, path, Access::kDirectory);
 }
 
-Status MakeDirectory(const std::string& path) {
-  if (::mkdir(path.c_str(), 0777) != 0) {
-    return ErrnoStatus(errno, "cannot make directory", path);
-  }
-  return absl::OkStatus();
+Status MakeDirectory(FileSystem& files, const std::string& path) {
+  const int made = files.MakeDirectory(path);
+  return made < 0 ? ErrnoStatus(-made, "cannot make directory", path) : absl::OkStatus();
 }
 
-Status RemoveFile(const std::string& path) {
-  if (::unlink(path.c_str()) != 0) {
-    return ErrnoStatus(errno, "cannot remove", path);
-  }
-  return absl::OkStatus();
+Status RemoveFile(FileSystem& files, const std::string& path) {
+  const int removed = files.Remove(path);
+  return removed < 0 ? ErrnoStatus(-removed, "cannot remove", path) : absl::OkStatus();
 }
 
-StatusOr<std::vector<std::string>> ListDirectory(const std::string& path) {
-  const std::unique_ptr<DIR, int (*)(DIR*)> directory(::opendir(path.c_str()), ::closedir);
-  if (directory == nullptr) {
-    return ErrnoStatus(errno, "cannot list", path);
+StatusOr<std::vector<std::string>> ListDirectory(FileSystem& files, const std::string& path) {
+  std::vector<DirectoryEntry> entries;
+  if (const int listed = files.List(path, &entries); listed < 0) {
+    return ErrnoStatus(-listed, "cannot list", path);
   }
   std::vector<std::string> names;
-  errno = 0;
-  // readdir is safe here: the DIR is ours alone.
-  while (const dirent* entry = ::readdir(directory.get())) {  // NOLINT(concurrency-mt-unsafe)
-    const std::string_view name = entry->d_name;
-    if (name != "." && name != "..") {
-      names.emplace_back(name);
-    }
-  }
-  if (errno != 0) {
-    return ErrnoStatus(errno, "cannot list", path);
+  names.reserve(entries.size());
+  for (DirectoryEntry& entry : entries) {
+    names.push_back(std::move(entry.name));
   }
   return names;
 }
 
+Status RemoveTree(FileSystem& files, const std::string& path) {
+  std::vector<DirectoryEntry> entries;
+  if (const int listed = files.List(path, &entries); listed < 0) {
+    return ErrnoStatus(-listed, "cannot list", path);
+  }
+  for (const DirectoryEntry& entry : entries) {
+    const std::string inside = fmt::format("{}/{}", path, entry.name);
+    FOVEA_RETURN_IF_ERROR(entry.is_directory ? RemoveTree(files, inside)
+                                             : RemoveFile(files, inside));
+  }
+  const int removed = files.RemoveDirectory(path);
+  return removed < 0 ? ErrnoStatus(-removed, "cannot remove", path) : absl::OkStatus();
+}
+
 StatusOr<WritableFile> FileBatch::Start(const std::string& path) {
   paths_.push_back(path);
-  return WritableFile::Create(TemporaryName(path));
+  return WritableFile::Create(files_, TemporaryName(path));
 }
 
 Status FileBatch::Write(const std::string& path, std::span<const std::byte> bytes) {
@@ -220,11 +208,13 @@ Status FileBatch::Flush() {
   // Writing is started for all of them first: the file system then commits most of them with the
   // first flush, and the others cost little.
   for (const std::string& path : paths_) {
-    const Descriptor fd(OpenRetrying(TemporaryName(path), O_RDONLY));
-    [[maybe_unused]] const int hint = ::sync_file_range(fd.get(), 0, 0, SYNC_FILE_RANGE_WRITE);
+    const Handle handle(files_, files_.Open(TemporaryName(path), Access::kRead));
+    if (handle.ok()) {
+      files_.StartFlush(handle.get());
+    }
   }
   for (const std::string& path : paths_) {
-    FOVEA_RETURN_IF_ERROR(FlushPath(TemporaryName(path), O_RDONLY));
+    FOVEA_RETURN_IF_ERROR(FlushPath(files_, TemporaryName(path), Access::kRead));
   }
   return absl::OkStatus();
 }
@@ -236,25 +226,26 @@ Status FileBatch::Publish() {
     const std::string path = paths_.back();
     if (paths_.size() == 1) {
       for (const std::string& directory : directories) {
-        FOVEA_RETURN_IF_ERROR(FlushDirectory(directory));
+        FOVEA_RETURN_IF_ERROR(FlushDirectory(files_, directory));
       }
       directories.clear();
     }
-    if (::rename(TemporaryName(path).c_str(), path.c_str()) != 0) {
-      return ErrnoStatus(errno, "cannot rename to", path);
+    if (const int renamed = files_.Rename(TemporaryName(path), path); renamed < 0) {
+      return ErrnoStatus(-renamed, "cannot rename to", path);
     }
     directories.insert(DirectoryOf(path));
     paths_.pop_back();
   }
   for (const std::string& directory : directories) {
-    FOVEA_RETURN_IF_ERROR(FlushDirectory(directory));
+    FOVEA_RETURN_IF_ERROR(FlushDirectory(files_, directory));
   }
   return absl::OkStatus();
 }
 
 void FileBatch::Discard() {
   for (const std::string& path : paths_) {
-    ::unlink(TemporaryName(path).c_str());
+    // Gone already, or it stays: the next writer removes it.
+    [[maybe_unused]] const int removed = files_.Remove(TemporaryName(path));
   }
   paths_.clear();
 }
@@ -273,10 +264,11 @@ std::string HolderText() {
 }
 
 /// What the lock file says, printable whatever is in it.
-std::string ReadHolder(int fd) {
-  char text[256];
-  const ssize_t size = ::pread(fd, text, sizeof(text), 0);
-  std::string holder(text, static_cast<size_t>(std::max<ssize_t>(size, 0)));
+std::string ReadHolder(const Handle& handle) {
+  std::string holder(256, '\0');
+  const int64_t size =
+      handle.files().ReadAt(handle.get(), 0, std::as_writable_bytes(std::span(holder)));
+  holder.resize(static_cast<size_t>(std::max<int64_t>(size, 0)));
   holder.erase(std::find(holder.begin(), holder.end(), '\n'), holder.end());
   std::replace_if(
       holder.begin(), holder.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
@@ -285,30 +277,30 @@ std::string ReadHolder(int fd) {
 
 }  // namespace
 
-StatusOr<WriterLock> WriterLock::Take(const std::string& store_path) {
+StatusOr<WriterLock> WriterLock::Take(FileSystem& files, const std::string& store_path) {
   const std::string path = fmt::format("{}/{}", store_path, kLockName);
-  Descriptor fd(OpenRetrying(path, O_RDWR | O_CREAT | O_NOFOLLOW, 0666));
-  if (fd.get() < 0) {
-    return ErrnoStatus(errno, "cannot open the lock file", path);
+  Handle handle(files, files.Open(path, Access::kLock));
+  if (!handle.ok()) {
+    return ErrnoStatus(-handle.get(), "cannot open the lock file", path);
   }
-  if (::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
-    if (errno != EWOULDBLOCK) {
-      return ErrnoStatus(errno, "cannot lock", path);
+  if (const int locked = files.Lock(handle.get()); locked < 0) {
+    if (locked != -EWOULDBLOCK) {
+      return ErrnoStatus(-locked, "cannot lock", path);
     }
     return FailedPrecondition("{} is being written by {}; wait until it is done, or stop it",
-                              store_path, ReadHolder(fd.get()));
+                              store_path, ReadHolder(handle));
   }
   const std::string text = HolderText() + "\n";
   // Only for people to read: a full disk must not keep a store from being opened.
-  if (::ftruncate(fd.get(), 0) == 0) {
-    [[maybe_unused]] const ssize_t put = ::pwrite(fd.get(), text.data(), text.size(), 0);
+  if (files.Empty(handle.get()) == 0) {
+    [[maybe_unused]] const int64_t put = files.Write(handle.get(), std::as_bytes(std::span(text)));
   }
-  return WriterLock(std::move(fd));
+  return WriterLock(std::move(handle));
 }
 
 WriterLock::~WriterLock() {
-  if (fd_.get() >= 0) {
-    [[maybe_unused]] const int emptied = ::ftruncate(fd_.get(), 0);
+  if (handle_.ok()) {
+    [[maybe_unused]] const int emptied = handle_.files().Empty(handle_.get());
   }
 }
 

@@ -10,33 +10,40 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/store/file_system.h"
 
-/// Every touch of the file system by the store. Codes by cause: NOT_FOUND, ALREADY_EXISTS,
-/// RESOURCE_EXHAUSTED (disk, quota, file size limit or descriptors used up), DATA_LOSS (the device
-/// reports an error, or a file is shorter or longer than it can be), FAILED_PRECONDITION (no
-/// permission, not a directory ...). Messages name the path.
+/// Every touch of files by the store, through the FileSystem that is given. Codes by cause:
+/// NOT_FOUND, ALREADY_EXISTS, RESOURCE_EXHAUSTED (disk, quota, file size limit or descriptors used
+/// up), DATA_LOSS (the device reports an error, or a file is shorter or longer than it can be),
+/// FAILED_PRECONDITION (no permission, not a directory ...). Messages name the path.
 namespace fovea::store {
 
 [[nodiscard]] Status ErrnoStatus(int error, std::string_view action, const std::string& path);
 
-/// Owns a file descriptor.
-class Descriptor {
+/// Owns an open file.
+class Handle {
  public:
-  Descriptor() = default;
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Descriptor& operator=(Descriptor&& other) noexcept;
-  ~Descriptor();
-  [[nodiscard]] int get() const { return fd_; }
+  Handle() = default;
+  /// What FileSystem::Open returned; nothing is owned if that was an error.
+  Handle(FileSystem& files, int opened) : files_(&files), opened_(opened) {}
+  Handle(Handle&& other) noexcept
+      : files_(other.files_), opened_(std::exchange(other.opened_, -1)) {}
+  Handle& operator=(Handle&& other) noexcept;
+  ~Handle();
+  [[nodiscard]] FileSystem& files() const { return *files_; }
+  [[nodiscard]] bool ok() const { return opened_ >= 0; }
+  /// -errno if it could not be opened.
+  [[nodiscard]] int get() const { return opened_; }
 
  private:
-  int fd_ = -1;
+  FileSystem* files_ = nullptr;
+  int opened_ = -1;
 };
 
 /// A file open for positioned reads. Thread-safe.
 class ReadableFile {
  public:
-  [[nodiscard]] static StatusOr<ReadableFile> Open(const std::string& path);
+  [[nodiscard]] static StatusOr<ReadableFile> Open(FileSystem& files, const std::string& path);
   [[nodiscard]] int64_t size() const { return size_; }
   [[nodiscard]] const std::string& path() const { return path_; }
   /// Fills `out` from `offset`; DATA_LOSS if the file ends before.
@@ -44,25 +51,26 @@ class ReadableFile {
 
  private:
   std::string path_;
-  Descriptor fd_;
+  Handle handle_;
   int64_t size_ = 0;
 };
 
 /// The whole file; DATA_LOSS, without reading it, if it is longer than `max_bytes`.
-[[nodiscard]] StatusOr<std::vector<std::byte>> ReadWholeFile(const std::string& path,
+[[nodiscard]] StatusOr<std::vector<std::byte>> ReadWholeFile(FileSystem& files,
+                                                             const std::string& path,
                                                              int64_t max_bytes);
 
 /// A file being written from its start. Not flushed to the device: see FileBatch.
 class WritableFile {
  public:
   /// Creates or truncates.
-  [[nodiscard]] static StatusOr<WritableFile> Create(const std::string& path);
+  [[nodiscard]] static StatusOr<WritableFile> Create(FileSystem& files, const std::string& path);
   [[nodiscard]] Status Append(std::span<const std::byte> bytes);
   [[nodiscard]] uint64_t size() const { return size_; }
 
  private:
   std::string path_;
-  Descriptor fd_;
+  Handle handle_;
   uint64_t size_ = 0;
 };
 
@@ -77,18 +85,21 @@ class WritableFile {
 [[nodiscard]] std::string DirectoryOf(const std::string& path);
 
 /// Flushes a directory, so that names made or replaced in it survive a power cut.
-[[nodiscard]] Status FlushDirectory(const std::string& path);
-[[nodiscard]] Status MakeDirectory(const std::string& path);
-[[nodiscard]] Status RemoveFile(const std::string& path);
+[[nodiscard]] Status FlushDirectory(FileSystem& files, const std::string& path);
+[[nodiscard]] Status MakeDirectory(FileSystem& files, const std::string& path);
+[[nodiscard]] Status RemoveFile(FileSystem& files, const std::string& path);
 /// Names in a directory, without "." and "..", in no order.
-[[nodiscard]] StatusOr<std::vector<std::string>> ListDirectory(const std::string& path);
+[[nodiscard]] StatusOr<std::vector<std::string>> ListDirectory(FileSystem& files,
+                                                               const std::string& path);
+/// Removes all that is in a directory, and then the directory.
+[[nodiscard]] Status RemoveTree(FileSystem& files, const std::string& path);
 
 /// Files that appear together. They are written under temporary names; Flush brings all of them
 /// to the device, so that a full disk is known before anything has changed; Publish renames them.
 /// What was not published is removed with the batch. Not thread-safe.
 class FileBatch {
  public:
-  FileBatch() = default;
+  explicit FileBatch(FileSystem& files) : files_(files) {}
   FileBatch(const FileBatch&) = delete;
   FileBatch& operator=(const FileBatch&) = delete;
   ~FileBatch() { Discard(); }
@@ -103,6 +114,7 @@ class FileBatch {
   void Discard();
 
  private:
+  FileSystem& files_;
   std::vector<std::string> paths_;  // final names, not yet published
 };
 
@@ -111,14 +123,14 @@ class FileBatch {
 class WriterLock {
  public:
   /// FAILED_PRECONDITION, saying who, if another writer holds it.
-  [[nodiscard]] static StatusOr<WriterLock> Take(const std::string& store_path);
+  [[nodiscard]] static StatusOr<WriterLock> Take(FileSystem& files, const std::string& store_path);
   WriterLock(WriterLock&&) = default;
   WriterLock& operator=(WriterLock&&) = delete;
   ~WriterLock();
 
  private:
-  explicit WriterLock(Descriptor fd) : fd_(std::move(fd)) {}
-  Descriptor fd_;
+  explicit WriterLock(Handle handle) : handle_(std::move(handle)) {}
+  Handle handle_;
 };
 
 /// The name of the lock file inside a store.

@@ -209,9 +209,9 @@ std::optional<json> Parse(const std::string& text) {
   return document;
 }
 
-StatusOr<json> ReadJson(const std::string& path) {
+StatusOr<json> ReadJson(FileSystem& files, const std::string& path) {
   FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> bytes,
-                         ReadWholeFile(path, kMaxMetadataBytes));
+                         ReadWholeFile(files, path, kMaxMetadataBytes));
   std::optional<json> document =
       Parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
   if (!document) {
@@ -309,11 +309,11 @@ StatusOr<DatasetInfo> InfoFromGroup(const json& group, const std::string& path) 
 
 }  // namespace
 
-StatusOr<DatasetInfo> ReadGroup(const std::string& store_path) {
+StatusOr<DatasetInfo> ReadGroup(FileSystem& files, const std::string& store_path) {
   const std::string path = fmt::format("{}/{}", store_path, kMetadataName);
-  StatusOr<json> group = ReadJson(path);
+  StatusOr<json> group = ReadJson(files, path);
   if (absl::IsNotFound(group.status())) {
-    if (ListDirectory(store_path).ok()) {
+    if (ListDirectory(files, store_path).ok()) {
       return FailedPrecondition("{} is not a Fovea store: it has no {}", store_path, kMetadataName);
     }
     return NotFound("there is no store at {}", store_path);
@@ -340,9 +340,10 @@ void EraseVariable(json& document) {
 
 }  // namespace
 
-StatusOr<int64_t> ReadArraySteps(const std::string& store_path, const ArraySpec& spec) {
+StatusOr<int64_t> ReadArraySteps(FileSystem& files, const std::string& store_path,
+                                 const ArraySpec& spec) {
   const std::string path = fmt::format("{}/{}/{}", store_path, spec.path, kMetadataName);
-  StatusOr<json> document = ReadJson(path);
+  StatusOr<json> document = ReadJson(files, path);
   if (absl::IsNotFound(document.status())) {
     return DataLoss("{} is missing", path);
   }
@@ -363,9 +364,9 @@ StatusOr<int64_t> ReadArraySteps(const std::string& store_path, const ArraySpec&
   }
 }
 
-Status CheckFieldGroup(const std::string& store_path, const std::string& field) {
+Status CheckFieldGroup(FileSystem& files, const std::string& store_path, const std::string& field) {
   const std::string path = fmt::format("{}/{}/{}", store_path, field, kMetadataName);
-  StatusOr<json> document = ReadJson(path);
+  StatusOr<json> document = ReadJson(files, path);
   if (absl::IsNotFound(document.status())) {
     return DataLoss("{} is missing", path);
   }

@@ -7,6 +7,7 @@
 
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
+#include "engine/store/file_system.h"
 #include "engine/store/layout.h"
 
 /// The zarr.json files of a store: written, and read as if an enemy had written them.
@@ -25,13 +26,14 @@ inline constexpr int64_t kMaxSteps = 1'000'000'000;
 [[nodiscard]] std::string ArrayJson(const ArraySpec& spec, int64_t steps);
 
 /// Reads the group of the store at `store_path`. Errors as Dataset::Open.
-[[nodiscard]] StatusOr<DatasetInfo> ReadGroup(const std::string& store_path);
+[[nodiscard]] StatusOr<DatasetInfo> ReadGroup(FileSystem& files, const std::string& store_path);
 /// Checks an array's zarr.json against what it must be and returns its number of steps. DATA_LOSS
 /// naming the file if it is missing or says anything else.
-[[nodiscard]] StatusOr<int64_t> ReadArraySteps(const std::string& store_path,
+[[nodiscard]] StatusOr<int64_t> ReadArraySteps(FileSystem& files, const std::string& store_path,
                                                const ArraySpec& spec);
 /// Checks the zarr.json of the group that holds the arrays of `field`.
-[[nodiscard]] Status CheckFieldGroup(const std::string& store_path, const std::string& field);
+[[nodiscard]] Status CheckFieldGroup(FileSystem& files, const std::string& store_path,
+                                     const std::string& field);
 
 }  // namespace fovea::store
 

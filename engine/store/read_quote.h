@@ -6,6 +6,7 @@
 #include "engine/base/status.h"
 #include "engine/fovea/retained_set.h"
 #include "engine/store/dataset.h"
+#include "engine/store/file_system.h"
 
 namespace fovea::store {
 
@@ -15,7 +16,8 @@ namespace fovea::store {
 /// Errors as Dataset::OpenStep and ReadDetail.
 [[nodiscard]] StatusOr<ReadStats> QuoteRead(Dataset& dataset, int64_t step,
                                             const std::string& field, OnDamage on_damage,
-                                            const RetainedSet& retained);
+                                            const RetainedSet& retained,
+                                            FileSystem& files = RealFileSystem());
 
 }  // namespace fovea::store
 

@@ -55,9 +55,10 @@ struct Window {
 
 class StoredStep final : public StepSource {
  public:
-  StoredStep(std::string store_path, DatasetInfo info, int64_t step, std::string field,
-             OnDamage on_damage)
-      : path_(std::move(store_path)),
+  StoredStep(FileSystem& files, std::string store_path, DatasetInfo info, int64_t step,
+             std::string field, OnDamage on_damage)
+      : files_(files),
+        path_(std::move(store_path)),
         info_(std::move(info)),
         step_(step),
         field_(std::move(field)),
@@ -66,7 +67,8 @@ class StoredStep final : public StepSource {
         basis_{ParseWavelet(info_.wavelet).value_or(Wavelet::kHaar), IsIntegerType(type_)} {
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {
       layouts_.push_back(LevelLayout::Make(info_, type_, level));
-      tables_.push_back(std::make_unique<ChunkTable>(path_, field_, step_, layouts_.back()));
+      tables_.push_back(
+          std::make_unique<ChunkTable>(files_, path_, field_, step_, layouts_.back()));
     }
   }
 
@@ -97,6 +99,7 @@ class StoredStep final : public StepSource {
   [[nodiscard]] Status Damaged(const LevelLayout& layout, const Int3& chunk, const Status& why);
   [[nodiscard]] std::string CoarseFile() const;
 
+  FileSystem& files_;
   const std::string path_;
   const DatasetInfo info_;
   const int64_t step_;
@@ -137,7 +140,7 @@ Status StoredStep::ReadCoarse(std::span<float> out) {
   }
   const std::string file = CoarseFile();
   std::vector<std::byte> raw(values * static_cast<size_t>(BytesOfType(type_)));
-  const StatusOr<int64_t> read = ReadChunkFile(file, raw);
+  const StatusOr<int64_t> read = ReadChunkFile(files_, file, raw);
   if (!read.ok()) {
     const std::string where = fmt::format("coarse level of field '{}', step {}", field_, step_);
     return absl::IsNotFound(read.status()) ? DataLoss("{}: {} is missing", where, file)
@@ -201,7 +204,7 @@ Status StoredStep::FindWanted(const Window& window, Shards* shards) {
 /// The index of a shard; nothing if there is no such shard.
 StatusOr<std::optional<ShardIndex>> StoredStep::ReadIndex(const Window& window,
                                                           const std::string& path) {
-  const StatusOr<ReadableFile> file = ReadableFile::Open(path);
+  const StatusOr<ReadableFile> file = ReadableFile::Open(files_, path);
   if (absl::IsNotFound(file.status())) {
     return std::nullopt;
   }
@@ -285,7 +288,7 @@ uint64_t RunBytes(const Run& run) {
 Status StoredStep::ReadRun(const Window& window, const Run& run) {
   const uint64_t start = run.chunks.front().entry.offset;
   std::vector<std::byte> bytes(RunBytes(run));
-  StatusOr<ReadableFile> file = ReadableFile::Open(run.path);
+  StatusOr<ReadableFile> file = ReadableFile::Open(files_, run.path);
   if (absl::IsNotFound(file.status())) {
     file = DataLoss("{} vanished while it was read", run.path);
   }
@@ -347,7 +350,7 @@ Status StoredStep::ReadDetail(int level, const Box3& box, std::span<float> out) 
 }
 
 Status StoredStep::CountReads(const RetainedSet& retained) {
-  FOVEA_ASSIGN_OR_RETURN(const ReadableFile coarse, ReadableFile::Open(CoarseFile()));
+  FOVEA_ASSIGN_OR_RETURN(const ReadableFile coarse, ReadableFile::Open(files_, CoarseFile()));
   bytes_read_ += static_cast<uint64_t>(coarse.size());
   ++chunks_read_;
   for (size_t level = 0; level < layouts_.size(); ++level) {
@@ -368,17 +371,17 @@ Status StoredStep::CountReads(const RetainedSet& retained) {
 }  // namespace
 
 StatusOr<ReadStats> QuoteRead(Dataset& dataset, int64_t step, const std::string& field,
-                              OnDamage on_damage, const RetainedSet& retained) {
+                              OnDamage on_damage, const RetainedSet& retained, FileSystem& files) {
   FOVEA_RETURN_IF_ERROR(dataset.OpenStep(step, field, on_damage).status());  // that they are there
-  StoredStep source(dataset.path(), dataset.info(), step, field, on_damage);
+  StoredStep source(files, dataset.path(), dataset.info(), step, field, on_damage);
   FOVEA_RETURN_IF_ERROR(source.CountReads(retained));
   return source.read_stats();
 }
 
-std::unique_ptr<StepSource> MakeStepSource(const std::string& store_path, const DatasetInfo& info,
-                                           int64_t step, const std::string& field,
-                                           OnDamage on_damage) {
-  return std::make_unique<StoredStep>(store_path, info, step, field, on_damage);
+std::unique_ptr<StepSource> MakeStepSource(FileSystem& files, const std::string& store_path,
+                                           const DatasetInfo& info, int64_t step,
+                                           const std::string& field, OnDamage on_damage) {
+  return std::make_unique<StoredStep>(files, store_path, info, step, field, on_damage);
 }
 
 }  // namespace fovea::store

@@ -35,8 +35,8 @@ struct Table {
 
 class Verifier {
  public:
-  Verifier(std::string path, DatasetInfo info, int threads)
-      : path_(std::move(path)), info_(std::move(info)), threads_(threads) {}
+  Verifier(FileSystem& files, std::string path, DatasetInfo info, int threads)
+      : files_(files), path_(std::move(path)), info_(std::move(info)), threads_(threads) {}
 
   /// The steps there is anything to check of: what metadata claims, but no more than files are
   /// there for.
@@ -60,10 +60,11 @@ class Verifier {
   void CheckChunks(const LevelLayout& layout, const ReadableFile& file,
                    const std::vector<std::pair<Int3, ShardEntry>>& chunks, Table* table);
 
+  FileSystem& files_;
   const std::string path_;
   const DatasetInfo info_;
   const int threads_;
-  std::map<std::string, FilesByTime> files_;  // by array
+  std::map<std::string, FilesByTime> chunk_files_;  // by array
   int64_t steps_with_files_ = 0;
   int64_t last_time_ns_ = std::numeric_limits<int64_t>::min();
   size_t more_problems_ = 0;
@@ -93,7 +94,7 @@ VerifyReport Verifier::Finish() {
 }
 
 void Verifier::ListFiles(const ArraySpec& array) {
-  const StatusOr<std::vector<std::string>> names = ListDirectory(path_ + "/" + array.path);
+  const StatusOr<std::vector<std::string>> names = ListDirectory(files_, path_ + "/" + array.path);
   Note(names.status(), "");
   if (!names.ok()) {
     return;
@@ -108,7 +109,7 @@ void Verifier::ListFiles(const ArraySpec& array) {
     steps_with_files_ = std::max(steps_with_files_, (indices->front() + 1) * array.FileSteps());
     Indices rest(indices->begin() + 1, indices->end());
     if (std::equal(rest.begin(), rest.end(), grid.begin(), std::less<>())) {
-      files_[array.path][indices->front()].push_back(std::move(rest));
+      chunk_files_[array.path][indices->front()].push_back(std::move(rest));
     } else {
       Problem(fmt::format("{}/{}/{} lies outside its array", path_, array.path, name));
     }
@@ -117,11 +118,11 @@ void Verifier::ListFiles(const ArraySpec& array) {
 
 void Verifier::CheckMetadata() {
   for (const FieldInfo& field : info_.fields) {
-    Note(CheckFieldGroup(path_, field.name), "");
+    Note(CheckFieldGroup(files_, path_, field.name), "");
   }
   std::vector<std::pair<std::string, int64_t>> lengths;
   for (const ArraySpec& array : AllArrays(info_)) {
-    const StatusOr<int64_t> steps = ReadArraySteps(path_, array);
+    const StatusOr<int64_t> steps = ReadArraySteps(files_, path_, array);
     Note(steps.status(), "");
     if (steps.ok()) {
       lengths.emplace_back(array.path, *steps);
@@ -129,7 +130,7 @@ void Verifier::CheckMetadata() {
     ListFiles(array);
   }
   // A writer may be at work: it may have committed since, and be one step ahead of its commit.
-  const StatusOr<DatasetInfo> now = ReadGroup(path_);
+  const StatusOr<DatasetInfo> now = ReadGroup(files_, path_);
   Note(now.status(), "");
   const int64_t most = now.ok() ? now->committed_steps + 1 : kMaxSteps;
   for (const auto& [array, steps] : lengths) {
@@ -146,7 +147,7 @@ void Verifier::CheckMetadata() {
 }
 
 bool Verifier::CheckFile(const std::string& path, std::span<std::byte> raw) {
-  const StatusOr<int64_t> read = ReadChunkFile(path, raw);
+  const StatusOr<int64_t> read = ReadChunkFile(files_, path, raw);
   if (!read.ok()) {
     Problem(absl::IsNotFound(read.status()) ? fmt::format("{} is missing", path)
                                             : std::string(MessageOf(read.status())));
@@ -210,7 +211,7 @@ Table Verifier::ReadTable(const std::string& field, const LevelLayout& layout, i
   Table table;
   const std::string folder = TablePath(field, layout.width);
   const Int3& edge = layout.table_edge;
-  for (const Indices& block : files_[folder][step]) {
+  for (const Indices& block : chunk_files_[folder][step]) {
     std::vector<float> values(static_cast<size_t>(edge.Product()));
     const Int3 at{block[2], block[1], block[0]};
     const std::string name = SpaceChunkName(step, at, /*with_bands=*/false);
@@ -232,7 +233,7 @@ Table Verifier::ReadTable(const std::string& field, const LevelLayout& layout, i
 void Verifier::CheckLevel(const std::string& field, const LevelLayout& layout, int64_t step) {
   Table table = ReadTable(field, layout, step);
   const std::string folder = DetailPath(field, layout.width);
-  for (const Indices& file : files_[folder][step]) {
+  for (const Indices& file : chunk_files_[folder][step]) {
     const Int3 shard{file[3], file[2], file[1]};
     const std::string name = SpaceChunkName(step, shard, /*with_bands=*/true);
     CheckShard(layout, fmt::format("{}/{}/{}", path_, folder, name), shard, &table);
@@ -247,7 +248,7 @@ void Verifier::CheckShard(const LevelLayout& layout, const std::string& path, co
                           Table* table) {
   const Int3& size = layout.shard_chunks;
   const auto places = static_cast<size_t>(size.Product());
-  const StatusOr<ReadableFile> file = ReadableFile::Open(path);
+  const StatusOr<ReadableFile> file = ReadableFile::Open(files_, path);
   StatusOr<ShardIndex> index =
       file.ok() ? ReadShardIndex(*file, places, MaxEncodedBytes(layout.ChunkBytes()))
                 : StatusOr<ShardIndex>(file.status());
@@ -323,10 +324,11 @@ void Verifier::CheckChunks(const LevelLayout& layout, const ReadableFile& file,
 }  // namespace
 
 StatusOr<VerifyReport> Verify(const std::string& path, int threads,
-                              const std::function<bool(int64_t, int64_t)>& progress) {
+                              const std::function<bool(int64_t, int64_t)>& progress,
+                              FileSystem& files) {
   FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
-  FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(store));
-  Verifier verifier(store, std::move(info), threads);
+  FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(files, store));
+  Verifier verifier(files, store, std::move(info), threads);
   verifier.CheckMetadata();
   const int64_t total = verifier.Steps();
   for (int64_t step = 0; step < total; ++step) {

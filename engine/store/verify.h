@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/store/file_system.h"
 
 namespace fovea::store {
 
@@ -23,7 +24,8 @@ struct VerifyReport {
 /// `progress(done, total)` is called after each step; return false to stop (CANCELLED).
 [[nodiscard]] StatusOr<VerifyReport> Verify(
     const std::string& path, int threads,
-    const std::function<bool(int64_t done, int64_t total)>& progress = nullptr);
+    const std::function<bool(int64_t done, int64_t total)>& progress = nullptr,
+    FileSystem& files = RealFileSystem());
 
 }  // namespace fovea::store
 

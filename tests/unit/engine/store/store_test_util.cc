@@ -82,8 +82,9 @@ Status WriteSteps(DatasetWriter* writer, int64_t steps) {
   return absl::OkStatus();
 }
 
-Status MakeStore(const std::string& path, const DatasetInfo& info, int64_t steps) {
-  FOVEA_ASSIGN_OR_RETURN(const auto writer, DatasetWriter::Create(path, info));
+Status MakeStore(const std::string& path, const DatasetInfo& info, int64_t steps,
+                 FileSystem& files) {
+  FOVEA_ASSIGN_OR_RETURN(const auto writer, DatasetWriter::Create(path, info, files));
   return WriteSteps(writer.get(), steps);
 }
 

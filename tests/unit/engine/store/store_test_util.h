@@ -42,7 +42,8 @@ struct StepData {
 [[nodiscard]] Status WriteSteps(DatasetWriter* writer, int64_t steps);
 
 /// Creates a store and writes into it.
-[[nodiscard]] Status MakeStore(const std::string& path, const DatasetInfo& info, int64_t steps);
+[[nodiscard]] Status MakeStore(const std::string& path, const DatasetInfo& info, int64_t steps,
+                               FileSystem& files = RealFileSystem());
 
 /// All of one level as [7][z][y][x].
 [[nodiscard]] StatusOr<std::vector<float>> ReadLevel(CoefficientSource* source, int level);
