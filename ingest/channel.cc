@@ -79,38 +79,50 @@ Status Channel::Flush(Deadline deadline) {
   return absl::OkStatus();
 }
 
-Status Channel::ReadExactly(char* data, size_t size, Deadline deadline) {
-  while (size > 0) {
-    if (consumed_ < incoming_.size()) {
-      const size_t count = std::min(size, incoming_.size() - consumed_);
-      std::memcpy(data, incoming_.data() + consumed_, count);
-      consumed_ += count;
-      data += count;
-      size -= count;
-      continue;
+Status Channel::Gather(size_t size, Deadline deadline) {
+  if (consumed_ + size > capacity_) {
+    const size_t waiting = received_ - consumed_;
+    const size_t needed = std::max(size, kBufferBytes);
+    if (needed > capacity_) {
+      std::unique_ptr<char[]> larger(new char[needed]);
+      std::copy_n(incoming_.get() + consumed_, waiting, larger.get());
+      incoming_ = std::move(larger);
+      capacity_ = needed;
+    } else {
+      std::memmove(incoming_.get(), incoming_.get() + consumed_, waiting);
     }
-    FOVEA_RETURN_IF_ERROR(Wait(POLLIN, deadline));
-    incoming_.resize(kBufferBytes);
     consumed_ = 0;
-    const ssize_t count = ::recv(socket_, incoming_.data(), incoming_.size(), MSG_DONTWAIT);
-    incoming_.resize(count > 0 ? static_cast<size_t>(count) : 0);
-    if (count == 0 || (count < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) {
+    received_ = waiting;
+  }
+  while (received_ - consumed_ < size) {
+    const ssize_t count =
+        ::recv(socket_, incoming_.get() + received_, capacity_ - received_, MSG_DONTWAIT);
+    if (count > 0) {
+      received_ += static_cast<size_t>(count);
+    } else if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
+      FOVEA_RETURN_IF_ERROR(Wait(POLLIN, deadline));
+    } else if (count == 0 || errno != EINTR) {
       return Gone();
     }
   }
   return absl::OkStatus();
 }
 
-StatusOr<Frame> Channel::Receive(Deadline deadline) {
+StatusOr<FrameView> Channel::Receive(Deadline deadline) {
   uint32_t header[2] = {0, 0};
-  FOVEA_RETURN_IF_ERROR(ReadExactly(reinterpret_cast<char*>(header), sizeof(header), deadline));
-  if (header[1] > kMaxPayloadBytes) {
-    return Internal("malformed message: {} bytes announced, {} allowed", header[1],
-                    kMaxPayloadBytes);
+  FOVEA_RETURN_IF_ERROR(Gather(sizeof(header), deadline));
+  std::memcpy(header, incoming_.get() + consumed_, sizeof(header));
+  const size_t size = header[1];
+  if (size > kMaxPayloadBytes) {
+    return Internal("malformed message: {} bytes announced, {} allowed", size, kMaxPayloadBytes);
   }
-  Frame frame{static_cast<FrameKind>(header[0]), std::string(header[1], '\0')};
-  FOVEA_RETURN_IF_ERROR(ReadExactly(frame.payload.data(), frame.payload.size(), deadline));
-  return frame;
+  FOVEA_RETURN_IF_ERROR(Gather(sizeof(header) + size, deadline));
+  const std::string_view payload(incoming_.get() + consumed_ + sizeof(header), size);
+  consumed_ += sizeof(header) + size;
+  if (consumed_ == received_) {
+    consumed_ = received_ = 0;  // the next recv may fill the whole buffer; the bytes stay
+  }
+  return FrameView{static_cast<FrameKind>(header[0]), payload};
 }
 
 }  // namespace fovea::ingest

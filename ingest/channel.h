@@ -2,7 +2,8 @@
 #define INGEST_CHANNEL_H_
 
 #include <chrono>
-#include <optional>
+#include <cstddef>
+#include <memory>
 #include <string>
 
 #include "engine/base/status.h"
@@ -28,17 +29,20 @@ class Channel {
   [[nodiscard]] Status Flush(Deadline deadline);
 
   /// The next frame. UNAVAILABLE if the other end is gone, DEADLINE_EXCEEDED if nothing came in
-  /// time, INTERNAL if it announces more than kMaxPayloadBytes.
-  [[nodiscard]] StatusOr<Frame> Receive(Deadline deadline);
+  /// time, INTERNAL if it announces more than kMaxPayloadBytes. Valid until the next Receive.
+  [[nodiscard]] StatusOr<FrameView> Receive(Deadline deadline);
 
  private:
   [[nodiscard]] Status Wait(short events, Deadline deadline) const;
-  [[nodiscard]] Status ReadExactly(char* data, size_t size, Deadline deadline);
+  /// Makes `size` bytes from `consumed_` on be there, side by side.
+  [[nodiscard]] Status Gather(size_t size, Deadline deadline);
 
   int socket_;
   std::string outgoing_;
-  std::string incoming_;
-  size_t consumed_ = 0;  // of incoming_
+  std::unique_ptr<char[]> incoming_;  // not a vector: nothing is to be zeroed
+  size_t capacity_ = 0;               // of incoming_
+  size_t received_ = 0;               // bytes of it that came
+  size_t consumed_ = 0;               // of these, that were given out
 };
 
 }  // namespace fovea::ingest

@@ -6,8 +6,9 @@
 #include <cstring>
 #include <span>
 #include <string>
+#include <string_view>
 #include <type_traits>
-#include <vector>
+#include <utility>
 
 #include "engine/volume/geometry.h"
 
@@ -49,7 +50,7 @@ class PayloadWriter {
 class PayloadReader {
  public:
   /// `payload` must outlive the reader.
-  explicit PayloadReader(const std::string& payload) : rest_(payload) {}
+  explicit PayloadReader(std::string_view payload) : rest_(payload) {}
 
   template <typename T>
   T Number() {
@@ -79,17 +80,14 @@ class PayloadReader {
     }
     return box;
   }
-  /// All that is left, as floats; fails unless it is exactly `count` of them.
-  std::vector<float> Floats(int64_t count) {
+  /// All that is left, as the bytes of floats; fails unless it is exactly `count` of them.
+  std::string_view Floats(int64_t count) {
     if (failed_ || count < 0 || rest_.size() % sizeof(float) != 0 ||
         rest_.size() / sizeof(float) != static_cast<size_t>(count)) {
       failed_ = true;
       return {};
     }
-    std::vector<float> values(static_cast<size_t>(count));
-    std::memcpy(values.data(), rest_.data(), rest_.size());
-    rest_ = {};
-    return values;
+    return std::exchange(rest_, {});
   }
   /// Whether all that was asked for was there, and nothing is left over.
   [[nodiscard]] bool Complete() const { return !failed_ && rest_.empty(); }

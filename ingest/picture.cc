@@ -43,7 +43,7 @@ StatusOr<std::string> Encoded(const std::string& path, const PictureRequest& req
   std::string encoded;
   const std::lock_guard lock(mutex);
   FOVEA_RETURN_IF_ERROR(
-      client->Call(path, Encode(request), pixels, [&](const Frame& reply) -> Status {
+      client->Call(path, Encode(request), pixels, [&](const FrameView& reply) -> Status {
         if (reply.kind != FrameKind::kBytes || reply.payload.size() > most - encoded.size()) {
           return Internal("malformed message: an encoded picture");
         }

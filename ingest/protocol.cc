@@ -17,7 +17,7 @@ Status Malformed(const char* what) {
   return Internal("malformed message: {}", what);
 }
 
-Status CheckFrame(const Frame& frame, FrameKind kind, const PayloadReader& reader,
+Status CheckFrame(const FrameView& frame, FrameKind kind, const PayloadReader& reader,
                   const char* what) {
   if (frame.kind != kind || !reader.Complete()) {
     return Malformed(what);
@@ -172,7 +172,7 @@ Frame EncodeError(const Status& status) {
   return {FrameKind::kError, writer.Take()};
 }
 
-StatusOr<ScanRequest> DecodeScanRequest(const Frame& frame) {
+StatusOr<ScanRequest> DecodeScanRequest(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   ScanRequest message;
   message.path = reader.Text();
@@ -182,7 +182,7 @@ StatusOr<ScanRequest> DecodeScanRequest(const Frame& frame) {
   return message;
 }
 
-StatusOr<ReadRequest> DecodeReadRequest(const Frame& frame) {
+StatusOr<ReadRequest> DecodeReadRequest(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   ReadRequest message;
   message.path = reader.Text();
@@ -200,7 +200,7 @@ StatusOr<ReadRequest> DecodeReadRequest(const Frame& frame) {
   return message;
 }
 
-StatusOr<PictureRequest> DecodePictureRequest(const Frame& frame) {
+StatusOr<PictureRequest> DecodePictureRequest(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   PictureRequest message;
   message.format = reader.Text();
@@ -210,7 +210,7 @@ StatusOr<PictureRequest> DecodePictureRequest(const Frame& frame) {
   return message;
 }
 
-StatusOr<FileInfo> DecodeFileInfo(const Frame& frame) {
+StatusOr<FileInfo> DecodeFileInfo(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   FileInfo message;
   message.file_bytes = reader.Number<int64_t>();
@@ -222,7 +222,7 @@ StatusOr<FileInfo> DecodeFileInfo(const Frame& frame) {
   return message;
 }
 
-StatusOr<GridInfo> DecodeGridInfo(const Frame& frame) {
+StatusOr<GridInfo> DecodeGridInfo(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   GridInfo message;
   message.name = reader.Text();
@@ -246,7 +246,7 @@ StatusOr<GridInfo> DecodeGridInfo(const Frame& frame) {
   return message;
 }
 
-StatusOr<FieldStart> DecodeFieldStart(const Frame& frame) {
+StatusOr<FieldStart> DecodeFieldStart(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   FieldStart message;
   message.index = reader.Number<uint32_t>();
@@ -259,7 +259,7 @@ StatusOr<FieldStart> DecodeFieldStart(const Frame& frame) {
   return message;
 }
 
-StatusOr<FieldEnd> DecodeFieldEnd(const Frame& frame) {
+StatusOr<FieldEnd> DecodeFieldEnd(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   FieldEnd message;
   message.active = reader.Box();
@@ -271,7 +271,7 @@ StatusOr<FieldEnd> DecodeFieldEnd(const Frame& frame) {
   return message;
 }
 
-StatusOr<Block> DecodeBlock(const Frame& frame) {
+StatusOr<Block> DecodeBlock(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   Block message;
   message.box = reader.Box();
@@ -289,7 +289,7 @@ StatusOr<Block> DecodeBlock(const Frame& frame) {
   return message;
 }
 
-StatusOr<Tile> DecodeTile(const Frame& frame) {
+StatusOr<Tile> DecodeTile(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   Tile message;
   message.box = reader.Box();
@@ -301,14 +301,14 @@ StatusOr<Tile> DecodeTile(const Frame& frame) {
   return message;
 }
 
-StatusOr<uint32_t> DecodeHello(const Frame& frame) {
+StatusOr<uint32_t> DecodeHello(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   const auto version = reader.Number<uint32_t>();
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kHello, reader, "greeting"));
   return version;
 }
 
-Status DecodeError(const Frame& frame) {
+Status DecodeError(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   const auto code = static_cast<absl::StatusCode>(reader.Number<uint32_t>());
   const std::string text = Printable(reader.Text());

@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "engine/base/status.h"
@@ -38,9 +39,18 @@ enum class FrameKind : uint32_t {
   kError = 13,     // worker: the request failed
 };
 
+/// A frame as it came: its payload lies in the buffer of the channel, until the next one is
+/// received.
+struct FrameView {
+  FrameKind kind = FrameKind::kEnd;
+  std::string_view payload;
+};
+
+/// A frame to send.
 struct Frame {
   FrameKind kind = FrameKind::kEnd;
   std::string payload;
+  operator FrameView() const { return {kind, payload}; }  // NOLINT(google-explicit-constructor)
 };
 
 struct ScanRequest {
@@ -88,9 +98,10 @@ struct FieldEnd {
   uint64_t rounded = 0;  // values that float32 does not hold exactly
 };
 
+/// Lies in the frame that it was decoded from.
 struct Block {
   Box3 box;
-  std::vector<float> values;  // x fastest
+  std::string_view values;  // the bytes of as many floats, x fastest; not aligned
 };
 
 struct Tile {
@@ -110,19 +121,19 @@ struct Tile {
 [[nodiscard]] Frame EncodeHello(uint32_t version);
 [[nodiscard]] Frame EncodeError(const Status& status);
 
-[[nodiscard]] StatusOr<ScanRequest> DecodeScanRequest(const Frame& frame);
-[[nodiscard]] StatusOr<ReadRequest> DecodeReadRequest(const Frame& frame);
-[[nodiscard]] StatusOr<PictureRequest> DecodePictureRequest(const Frame& frame);
-[[nodiscard]] StatusOr<FileInfo> DecodeFileInfo(const Frame& frame);
-[[nodiscard]] StatusOr<GridInfo> DecodeGridInfo(const Frame& frame);
-[[nodiscard]] StatusOr<FieldStart> DecodeFieldStart(const Frame& frame);
-[[nodiscard]] StatusOr<FieldEnd> DecodeFieldEnd(const Frame& frame);
+[[nodiscard]] StatusOr<ScanRequest> DecodeScanRequest(const FrameView& frame);
+[[nodiscard]] StatusOr<ReadRequest> DecodeReadRequest(const FrameView& frame);
+[[nodiscard]] StatusOr<PictureRequest> DecodePictureRequest(const FrameView& frame);
+[[nodiscard]] StatusOr<FileInfo> DecodeFileInfo(const FrameView& frame);
+[[nodiscard]] StatusOr<GridInfo> DecodeGridInfo(const FrameView& frame);
+[[nodiscard]] StatusOr<FieldStart> DecodeFieldStart(const FrameView& frame);
+[[nodiscard]] StatusOr<FieldEnd> DecodeFieldEnd(const FrameView& frame);
 /// The values may be NaN or infinite.
-[[nodiscard]] StatusOr<Block> DecodeBlock(const Frame& frame);
-[[nodiscard]] StatusOr<Tile> DecodeTile(const Frame& frame);
-[[nodiscard]] StatusOr<uint32_t> DecodeHello(const Frame& frame);
+[[nodiscard]] StatusOr<Block> DecodeBlock(const FrameView& frame);
+[[nodiscard]] StatusOr<Tile> DecodeTile(const FrameView& frame);
+[[nodiscard]] StatusOr<uint32_t> DecodeHello(const FrameView& frame);
 /// The error that an error frame carries; INTERNAL if it carries none.
-[[nodiscard]] Status DecodeError(const Frame& frame);
+[[nodiscard]] Status DecodeError(const FrameView& frame);
 
 /// Safe to print: control characters and what is not UTF-8 become '?', at most 1000 bytes are kept.
 [[nodiscard]] std::string Printable(const std::string& text);

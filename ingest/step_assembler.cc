@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <utility>
 
 #include "engine/volume/hierarchy.h"
@@ -17,12 +18,12 @@ Box3 BrickBox(const Int3& at, int64_t edge) {
 /// A box of values, x fastest; no values: one constant everywhere.
 struct Source {
   Box3 box;
-  const float* values = nullptr;
+  const char* values = nullptr;  // bytes of floats, anywhere
   float constant = 0;
 
-  [[nodiscard]] const float* Row(int64_t x, int64_t y, int64_t z) const {
+  [[nodiscard]] const char* Row(int64_t x, int64_t y, int64_t z) const {
     const Int3 size = box.Size();
-    return values + ((z - box.lo.z) * size.y + (y - box.lo.y)) * size.x + (x - box.lo.x);
+    return values + (((z - box.lo.z) * size.y + (y - box.lo.y)) * size.x + (x - box.lo.x)) * kBytes;
   }
   [[nodiscard]] bool IsAll(float value, const Box3& part) const {
     if (values == nullptr) {
@@ -30,42 +31,56 @@ struct Source {
     }
     for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
       for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
-        const float* row = Row(part.lo.x, y, z);
-        const float* end = row + (part.hi.x - part.lo.x);
-        if (std::any_of(row, end, [value](float v) { return v != value; })) {
-          return false;
+        const char* row = Row(part.lo.x, y, z);
+        for (int64_t i = 0; i < part.hi.x - part.lo.x; ++i) {
+          float other;
+          std::memcpy(&other, row + i * kBytes, kBytes);
+          if (!(other == value)) {
+            return false;
+          }
         }
       }
     }
     return true;
   }
-  /// Copies `part` into a brick whose first voxel is `origin`.
-  void CopyTo(const Box3& part, const Int3& origin, int64_t edge, float* brick) const {
+  /// Copies `part` into a brick whose first voxel is `origin`; what is not finite becomes
+  /// `background`. Returns how many that were.
+  uint64_t CopyTo(const Box3& part, const Int3& origin, int64_t edge, float background,
+                  float* brick) const {
     const int64_t count = part.hi.x - part.lo.x;
+    uint64_t nonfinite = 0;
     for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
       for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
         float* to = brick + ((z - origin.z) * edge + (y - origin.y)) * edge + part.lo.x - origin.x;
         if (values == nullptr) {
           std::fill_n(to, count, constant);
-        } else {
-          std::copy_n(Row(part.lo.x, y, z), count, to);
+          continue;
+        }
+        std::memcpy(to, Row(part.lo.x, y, z), static_cast<size_t>(count * kBytes));
+        for (int64_t i = 0; i < count; ++i) {
+          const bool is_finite = std::isfinite(to[i]);
+          nonfinite += is_finite ? 0 : 1;
+          to[i] = is_finite ? to[i] : background;
         }
       }
     }
+    return nonfinite;
   }
+
+  static constexpr int64_t kBytes = sizeof(float);
 };
 
 }  // namespace
 
-Status StepAssembler::Consume(const Frame& reply) {
+Status StepAssembler::Consume(const FrameView& reply) {
   switch (reply.kind) {
     case FrameKind::kField: {
       FOVEA_ASSIGN_OR_RETURN(const FieldStart start, DecodeFieldStart(reply));
       return Start(start);
     }
     case FrameKind::kBlock: {
-      FOVEA_ASSIGN_OR_RETURN(Block block, DecodeBlock(reply));
-      return AddBlock(std::move(block));
+      FOVEA_ASSIGN_OR_RETURN(const Block block, DecodeBlock(reply));
+      return AddBlock(block);
     }
     case FrameKind::kTile: {
       FOVEA_ASSIGN_OR_RETURN(const Tile tile, DecodeTile(reply));
@@ -103,14 +118,8 @@ Status StepAssembler::Start(const FieldStart& start) {
   return absl::OkStatus();
 }
 
-Status StepAssembler::AddBlock(Block block) {
+Status StepAssembler::AddBlock(const Block& block) {
   FOVEA_ASSIGN_OR_RETURN(const Box3 box, Inside(block.box));
-  for (float& value : block.values) {
-    if (!std::isfinite(value)) {
-      value = background_;
-      ++fields_.back().nonfinite;
-    }
-  }
   return Write(box, block.values.data(), 0);
 }
 
@@ -149,12 +158,12 @@ Status StepAssembler::FillWithBackground(const Box3& box) {
     const Int3 at{position[2], position[1], position[0]};
     const Box3 whole = BrickBox(at, edge_);
     const Source source{box, nullptr, voxels.background()};
-    source.CopyTo(Intersect(box, whole), whole.lo, edge_, voxels.Touch(at).data());
+    source.CopyTo(Intersect(box, whole), whole.lo, edge_, 0, voxels.Touch(at).data());
   }
   return absl::OkStatus();
 }
 
-Status StepAssembler::Write(const Box3& box, const float* values, float constant) {
+Status StepAssembler::Write(const Box3& box, const char* values, float constant) {
   const Source source{box, values, constant};
   BrickGrid& voxels = fields_.back().voxels;
   const Box3 bricks{
@@ -182,7 +191,8 @@ Status StepAssembler::Write(const Box3& box, const float* values, float constant
           }
           FOVEA_RETURN_IF_ERROR(TakeBytes(1));
         }
-        source.CopyTo(part, whole.lo, edge_, voxels.Touch(at).data());
+        fields_.back().nonfinite +=
+            source.CopyTo(part, whole.lo, edge_, background_, voxels.Touch(at).data());
       }
     }
   }

@@ -29,7 +29,7 @@ class StepAssembler {
       : extent_(extent), edge_(edge), expected_(fields), bytes_left_(max_bytes) {}
 
   /// Takes the next reply: kField, kBlock, kTile or kFieldEnd.
-  [[nodiscard]] Status Consume(const Frame& reply);
+  [[nodiscard]] Status Consume(const FrameView& reply);
   /// All fields, in the order of the request; INTERNAL if some are not complete.
   [[nodiscard]] StatusOr<std::vector<FieldVoxels>> Finish();
   /// What is left of max_bytes.
@@ -37,10 +37,11 @@ class StepAssembler {
 
  private:
   [[nodiscard]] Status Start(const FieldStart& start);
-  [[nodiscard]] Status AddBlock(Block block);
+  [[nodiscard]] Status AddBlock(const Block& block);
   [[nodiscard]] Status AddTile(const Tile& tile);
   /// `box` in the voxel coordinates of the extent; `values` of it, or null: `constant` everywhere.
-  [[nodiscard]] Status Write(const Box3& box, const float* values, float constant);
+  /// What is not finite becomes background.
+  [[nodiscard]] Status Write(const Box3& box, const char* values, float constant);
   [[nodiscard]] Status FillWithBackground(const Box3& box);
   /// Counts bricks that are about to be made.
   [[nodiscard]] Status TakeBytes(int64_t bricks);

@@ -34,7 +34,7 @@ StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile&
   ScannedFile scanned{file, {}, {}};
   FOVEA_RETURN_IF_ERROR(
       client->Call(file.path, Encode(ScanRequest{file.path, options.raw, from_voxels}), {},
-                   [&](const Frame& reply) -> Status {
+                   [&](const FrameView& reply) -> Status {
                      if (reply.kind == FrameKind::kFile) {
                        FOVEA_ASSIGN_OR_RETURN(scanned.info, DecodeFileInfo(reply));
                        return absl::OkStatus();
@@ -135,9 +135,9 @@ StatusOr<StepVoxels> StepReader::Read(const PlannedStep& step) {
       }
     }
     StepAssembler assembler(plan_.extent, options_.chunk_edge, members.size(), bytes_left);
-    FOVEA_RETURN_IF_ERROR(client_.Call(source.path, Encode(request), {}, [&](const Frame& reply) {
-      return assembler.Consume(reply);
-    }));
+    FOVEA_RETURN_IF_ERROR(
+        client_.Call(source.path, Encode(request), {},
+                     [&](const FrameView& reply) { return assembler.Consume(reply); }));
     auto fields = assembler.Finish();
     FOVEA_RETURN_IF_ERROR(Annotate(fields.status(), source.path));
     bytes_left = assembler.bytes_left();

@@ -132,7 +132,7 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
     const std::lock_guard lock(pid_mutex_);
     pid_ = *pid;
   }
-  FOVEA_ASSIGN_OR_RETURN(const Frame hello, channel_->Receive(deadline));
+  FOVEA_ASSIGN_OR_RETURN(const FrameView hello, channel_->Receive(deadline));
   FOVEA_ASSIGN_OR_RETURN(const uint32_t version, DecodeHello(hello));
   if (version != kProtocolVersion) {
     return FailedPrecondition("'{}' is of another version: it speaks protocol {}, not {}", program,
@@ -142,7 +142,7 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
 }
 
 Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
-                              const std::function<Status(const Frame&)>& on_reply,
+                              const std::function<Status(const FrameView&)>& on_reply,
                               Channel::Deadline deadline, bool* is_clean) {
   ForgetIfDead();
   if (channel_ == nullptr) {
@@ -156,7 +156,7 @@ Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
   }
   FOVEA_RETURN_IF_ERROR(channel_->Flush(deadline));
   while (true) {
-    FOVEA_ASSIGN_OR_RETURN(const Frame reply, channel_->Receive(deadline));
+    FOVEA_ASSIGN_OR_RETURN(const FrameView reply, channel_->Receive(deadline));
     if (reply.kind == FrameKind::kError || reply.kind == FrameKind::kEnd) {
       *is_clean = true;
       return reply.kind == FrameKind::kEnd ? absl::OkStatus() : DecodeError(reply);
@@ -170,7 +170,7 @@ Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
 
 Status WorkerClient::Call(const std::string& about, const Frame& request,
                           std::string_view attachment,
-                          const std::function<Status(const Frame&)>& on_reply) {
+                          const std::function<Status(const FrameView&)>& on_reply) {
   const double seconds = SecondsPerFile(options_.limits);
   const auto deadline = std::chrono::steady_clock::now() +
                         std::chrono::duration_cast<std::chrono::steady_clock::duration>(

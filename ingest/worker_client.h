@@ -47,7 +47,7 @@ class WorkerClient {
   /// INTERNAL if it speaks nonsense.
   [[nodiscard]] Status Call(const std::string& about, const Frame& request,
                             std::string_view attachment,
-                            const std::function<Status(const Frame&)>& on_reply);
+                            const std::function<Status(const FrameView&)>& on_reply);
 
   /// From any thread: kills the worker, so that the call in hand ends with an error.
   void Interrupt();
@@ -57,7 +57,7 @@ class WorkerClient {
  private:
   [[nodiscard]] Status Start(Channel::Deadline deadline);
   [[nodiscard]] Status Exchange(const Frame& request, std::string_view attachment,
-                                const std::function<Status(const Frame&)>& on_reply,
+                                const std::function<Status(const FrameView&)>& on_reply,
                                 Channel::Deadline deadline, bool* is_clean);
   [[nodiscard]] Status DescribeDeath();
   void ForgetIfDead();

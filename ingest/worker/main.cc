@@ -25,7 +25,7 @@ struct Settings {
   bool dies_with_thread = true;
 };
 
-Status Answer(const Frame& request, Channel* channel) {
+Status Answer(const FrameView& request, Channel* channel) {
   switch (request.kind) {
     case FrameKind::kScan: {
       FOVEA_ASSIGN_OR_RETURN(const ScanRequest scan, DecodeScanRequest(request));

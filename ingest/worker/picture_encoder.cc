@@ -36,7 +36,7 @@ StatusOr<std::vector<float>> ReceivePixels(int64_t values, Channel* channel) {
   std::vector<float> rgba(static_cast<size_t>(values));
   auto* bytes = reinterpret_cast<char*>(rgba.data());
   for (size_t left = rgba.size() * sizeof(float); left > 0;) {
-    FOVEA_ASSIGN_OR_RETURN(const Frame frame, channel->Receive(Channel::kNoDeadline));
+    FOVEA_ASSIGN_OR_RETURN(const FrameView frame, channel->Receive(Channel::kNoDeadline));
     if (frame.kind != FrameKind::kBytes || frame.payload.empty() || frame.payload.size() > left) {
       return Internal("malformed message: pixels");
     }

@@ -42,8 +42,9 @@ TEST(ProtocolTest, RepliesComeBackAsSent) {
   EXPECT_EQ(back.index_to_world, grid.index_to_world);
   EXPECT_EQ(back.declared_bytes, 1234);
   const std::vector<float> values{1, 2, 3, 4, 5, 6};
-  ASSERT_OK_AND_ASSIGN(const Block block, DecodeBlock(EncodeBlock({{0, 0, 0}, {1, 2, 3}}, values)));
-  EXPECT_EQ(block.values, values);
+  const Frame frame = EncodeBlock({{0, 0, 0}, {1, 2, 3}}, values);
+  ASSERT_OK_AND_ASSIGN(const Block block, DecodeBlock(frame));
+  EXPECT_EQ(block.values, std::string_view(reinterpret_cast<const char*>(values.data()), 24));
   ASSERT_OK_AND_ASSIGN(const FieldEnd end, DecodeFieldEnd(Encode(FieldEnd{{}, 17})));
   EXPECT_TRUE(end.active.IsEmpty());
   EXPECT_EQ(end.rounded, 17U);

@@ -158,7 +158,7 @@ Status Digest(const std::string& bytes) {
   Channel channel(sockets[0]);
   StepAssembler assembler(kExtent, 16, 2, kPlenty);
   while (true) {
-    FOVEA_ASSIGN_OR_RETURN(const Frame frame, channel.Receive(Channel::kNoDeadline));
+    FOVEA_ASSIGN_OR_RETURN(const FrameView frame, channel.Receive(Channel::kNoDeadline));
     if (frame.kind == FrameKind::kError || frame.kind == FrameKind::kEnd) {
       return frame.kind == FrameKind::kEnd ? assembler.Finish().status() : DecodeError(frame);
     }

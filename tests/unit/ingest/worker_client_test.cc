@@ -27,7 +27,7 @@ WorkerOptions Fake(double seconds) {
 
 Status Scan(WorkerClient* client, const std::string& path) {
   return client->Call(path, Encode(ScanRequest{path, {}, false}), {},
-                      [](const Frame& frame) { return DecodeFileInfo(frame).status(); });
+                      [](const FrameView& frame) { return DecodeFileInfo(frame).status(); });
 }
 
 TEST(WorkerClientTest, OneWorkerServesManyFiles) {
