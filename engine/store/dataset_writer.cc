@@ -323,7 +323,8 @@ Status Writer::Commit(int64_t time_ns, std::optional<int64_t> frame_number) {
   }
   DropStep();
   if (!status.ok()) {
-    return Annotate(status, fmt::format("step {} was not committed", info_.committed_steps));
+    const std::string_view how = broken_ ? "may not have been" : "was not";
+    return Annotate(status, fmt::format("step {} {} committed", info_.committed_steps, how));
   }
   info_ = std::move(info);
   series_.last_time_ns = time_ns;
@@ -386,6 +387,8 @@ StatusOr<WriterLock> ClaimDirectory(FileSystem& files, const std::string& path) 
     return exists("");
   }
   FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(files, path));
+  // Before anything else in the folder: by the lock file the next one sees that it is ours.
+  FOVEA_RETURN_IF_ERROR(FlushDirectory(files, path));
   FOVEA_ASSIGN_OR_RETURN(names, ListDirectory(files, path));
   if (std::find(names->begin(), names->end(), kMetadataName) != names->end()) {
     return exists("");

@@ -41,7 +41,9 @@ class DatasetWriter {
                                           const CoefficientSet& coefficients,
                                           const FieldStats& stats) = 0;
   /// Makes the step in hand visible. `time_ns` must not be less than the last step's.
-  /// RESOURCE_EXHAUSTED when the disk is full, and the store stays as it was.
+  /// RESOURCE_EXHAUSTED when the disk is full, and the store stays as it was. If the message says
+  /// that the step may not have been committed, the disk failed between the first rename and the
+  /// last flush: open the store again to know, and to go on.
   [[nodiscard]] virtual Status Commit(int64_t time_ns, std::optional<int64_t> frame_number) = 0;
 };
 
