@@ -39,6 +39,8 @@ enum class OnMissing {
 struct WorkerLimits {
   std::optional<int64_t> memory_bytes;
   double seconds_per_file = 120;  // wall clock; the worker is killed past it
+  /// Processor time of all its threads; unless set, the above on every processor.
+  std::optional<double> cpu_seconds_per_file;
 };
 
 struct IngestOptions {

@@ -91,6 +91,8 @@ class PayloadReader {
   }
   /// Whether all that was asked for was there, and nothing is left over.
   [[nodiscard]] bool Complete() const { return !failed_ && rest_.empty(); }
+  /// Whether something that was asked for was not there.
+  [[nodiscard]] bool failed() const { return failed_; }
   [[nodiscard]] size_t bytes_left() const { return rest_.size(); }
 
  private:

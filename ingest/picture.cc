@@ -35,6 +35,7 @@ StatusOr<std::string> Encoded(const std::string& path, const PictureRequest& req
     WorkerOptions options;
     options.limits.memory_bytes = 0;   // it reads nothing foreign
     options.dies_with_thread = false;  // the next picture may come from another
+    options.pictures = true;
     return new WorkerClient(options);
   }();
   const size_t most = rgba.size() * sizeof(float) + (size_t{16} << 20);

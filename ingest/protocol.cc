@@ -13,6 +13,9 @@ namespace {
 constexpr int64_t kLeastIndex = std::numeric_limits<int32_t>::min();
 constexpr int64_t kGreatestIndex = int64_t{std::numeric_limits<int32_t>::max()} + 1;
 
+/// A list goes on in another frame past this; a path adds at most a few thousand bytes.
+constexpr size_t kFullFrameBytes = kMaxPayloadBytes / 2;
+
 Status Malformed(const char* what) {
   return Internal("malformed message: {}", what);
 }
@@ -159,9 +162,27 @@ Frame Encode(const Tile& message) {
   return {FrameKind::kTile, writer.Take()};
 }
 
-Frame EncodeHello(uint32_t version) {
+std::vector<Frame> EncodeFiles(std::span<const std::string> paths) {
+  std::vector<Frame> frames;
+  for (const std::string& path : paths) {
+    if (frames.empty() || frames.back().payload.size() > kFullFrameBytes) {
+      frames.push_back({FrameKind::kFiles, ""});
+    }
+    frames.back().payload += PayloadWriter().Text(path).Take();
+  }
+  return frames;
+}
+
+Frame Encode(const BeginRequest& message) {
   PayloadWriter writer;
-  writer.Number(version);
+  writer.Number(static_cast<uint8_t>(message.pictures));
+  return {FrameKind::kBegin, writer.Take()};
+}
+
+Frame Encode(const Hello& message) {
+  PayloadWriter writer;
+  writer.Number(message.version).Number(message.landlock_abi);
+  writer.Number(static_cast<uint8_t>(message.system_calls_filtered));
   return {FrameKind::kHello, writer.Take()};
 }
 
@@ -301,11 +322,36 @@ StatusOr<Tile> DecodeTile(const FrameView& frame) {
   return message;
 }
 
-StatusOr<uint32_t> DecodeHello(const FrameView& frame) {
+StatusOr<std::vector<std::string>> DecodeFiles(const FrameView& frame) {
   PayloadReader reader(frame.payload);
-  const auto version = reader.Number<uint32_t>();
+  std::vector<std::string> paths;
+  while (reader.bytes_left() > 0 && !reader.failed()) {
+    paths.push_back(reader.Text());
+  }
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kFiles, reader, "files"));
+  return paths;
+}
+
+StatusOr<BeginRequest> DecodeBeginRequest(const FrameView& frame) {
+  PayloadReader reader(frame.payload);
+  BeginRequest message;
+  message.pictures = reader.Number<uint8_t>() != 0;
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kBegin, reader, "begin"));
+  return message;
+}
+
+StatusOr<Hello> DecodeHello(const FrameView& frame) {
+  PayloadReader reader(frame.payload);
+  Hello message;
+  message.version = reader.Number<uint32_t>();
+  if (frame.kind == FrameKind::kHello && !reader.failed() && message.version != kProtocolVersion) {
+    return FailedPrecondition("it is of another version: it speaks protocol {}, not {}",
+                              message.version, kProtocolVersion);
+  }
+  message.landlock_abi = reader.Number<uint32_t>();
+  message.system_calls_filtered = reader.Number<uint8_t>() != 0;
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kHello, reader, "greeting"));
-  return version;
+  return message;
 }
 
 Status DecodeError(const FrameView& frame) {

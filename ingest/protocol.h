@@ -18,13 +18,13 @@
 /// decoders here check every length, box and number, and fail with INTERNAL.
 namespace fovea::ingest {
 
-inline constexpr uint32_t kProtocolVersion = 1;
+inline constexpr uint32_t kProtocolVersion = 2;
 inline constexpr uint32_t kMaxPayloadBytes = 8U << 20;
 /// Values in one block; a block of dense data never holds more.
 inline constexpr int64_t kMaxBlockValues = 1 << 20;
 
 enum class FrameKind : uint32_t {
-  kHello = 1,      // worker: protocol version
+  kHello = 1,      // worker: protocol version, and how it is confined
   kScan = 2,       // program: what is in this file?
   kRead = 3,       // program: the voxels of these grids
   kPicture = 4,    // program: encode the pixels that follow
@@ -37,6 +37,8 @@ enum class FrameKind : uint32_t {
   kFieldEnd = 11,  // worker: all voxels of the grid were sent
   kEnd = 12,       // worker: the request is done
   kError = 13,     // worker: the request failed
+  kFiles = 20,     // program, first of all: files that may be read
+  kBegin = 21,     // program, once: those were all; to be answered with kHello
 };
 
 /// A frame as it came: its payload lies in the buffer of the channel, until the next one is
@@ -51,6 +53,17 @@ struct Frame {
   FrameKind kind = FrameKind::kEnd;
   std::string payload;
   operator FrameView() const { return {kind, payload}; }  // NOLINT(google-explicit-constructor)
+};
+
+/// The end of the list of files; the worker confines itself to them.
+struct BeginRequest {
+  bool pictures = false;  // OpenImageIO is needed, and must be loaded before
+};
+
+struct Hello {
+  uint32_t version = kProtocolVersion;
+  uint32_t landlock_abi = 0;  // 0: the kernel has none
+  bool system_calls_filtered = false;
 };
 
 struct ScanRequest {
@@ -118,7 +131,10 @@ struct Tile {
 [[nodiscard]] Frame Encode(const FieldEnd& message);
 [[nodiscard]] Frame EncodeBlock(const Box3& box, std::span<const float> values);
 [[nodiscard]] Frame Encode(const Tile& message);
-[[nodiscard]] Frame EncodeHello(uint32_t version);
+/// As many frames as it takes.
+[[nodiscard]] std::vector<Frame> EncodeFiles(std::span<const std::string> paths);
+[[nodiscard]] Frame Encode(const BeginRequest& message);
+[[nodiscard]] Frame Encode(const Hello& message);
 [[nodiscard]] Frame EncodeError(const Status& status);
 
 [[nodiscard]] StatusOr<ScanRequest> DecodeScanRequest(const FrameView& frame);
@@ -131,7 +147,10 @@ struct Tile {
 /// The values may be NaN or infinite.
 [[nodiscard]] StatusOr<Block> DecodeBlock(const FrameView& frame);
 [[nodiscard]] StatusOr<Tile> DecodeTile(const FrameView& frame);
-[[nodiscard]] StatusOr<uint32_t> DecodeHello(const FrameView& frame);
+[[nodiscard]] StatusOr<std::vector<std::string>> DecodeFiles(const FrameView& frame);
+[[nodiscard]] StatusOr<BeginRequest> DecodeBeginRequest(const FrameView& frame);
+/// FAILED_PRECONDITION if the worker is of another version.
+[[nodiscard]] StatusOr<Hello> DecodeHello(const FrameView& frame);
 /// The error that an error frame carries; INTERNAL if it carries none.
 [[nodiscard]] Status DecodeError(const FrameView& frame);
 

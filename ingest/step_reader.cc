@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -28,10 +29,40 @@ int64_t LargestFile(const std::vector<SequenceFile>& files) {
   return largest;
 }
 
+std::vector<std::string> PathsOf(const std::vector<SequenceFile>& files) {
+  std::vector<std::string> paths;
+  for (const SequenceFile& file : files) {
+    if (!file.held) {
+      paths.push_back(file.path);
+    }
+  }
+  return paths;
+}
+
+std::vector<std::string> PathsOf(const SeriesPlan& plan) {
+  std::set<std::string> paths;
+  for (const PlannedStep& step : plan.steps) {
+    for (const FieldSource& source : step.sources) {
+      paths.insert(source.path);
+    }
+  }
+  return {paths.begin(), paths.end()};
+}
+
+WorkerOptions WorkerFor(const IngestOptions& options, int64_t declared_bytes,
+                        std::vector<std::string> files) {
+  WorkerOptions worker;
+  worker.limits = options.worker;
+  worker.declared_bytes = declared_bytes;
+  worker.files = std::move(files);
+  return worker;
+}
+
 StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile& file,
                                bool from_voxels, WorkerClient* client) {
   constexpr size_t kMaxGrids = 100'000;
   ScannedFile scanned{file, {}, {}};
+  client->Allow({file.path});
   FOVEA_RETURN_IF_ERROR(
       client->Call(file.path, Encode(ScanRequest{file.path, options.raw, from_voxels}), {},
                    [&](const FrameView& reply) -> Status {
@@ -54,7 +85,7 @@ StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile&
 StatusOr<std::vector<ScannedFile>> ScanFiles(
     const IngestOptions& options, const std::vector<SequenceFile>& files, bool from_voxels,
     const std::function<bool(const std::string& path)>& on_file) {
-  WorkerClient client({options.worker, LargestFile(files), ""});
+  WorkerClient client(WorkerFor(options, LargestFile(files), PathsOf(files)));
   std::vector<ScannedFile> scanned;
   for (const SequenceFile& file : files) {
     if (!on_file(file.path)) {
@@ -73,7 +104,7 @@ StatusOr<std::vector<ScannedFile>> ScanFiles(
 StepReader::StepReader(const IngestOptions& options, const SeriesPlan& plan)
     : options_(options),
       plan_(plan),
-      client_({options.worker, options.raw ? 0 : plan.declared_bytes, ""}),
+      client_(WorkerFor(options, options.raw ? 0 : plan.declared_bytes, PathsOf(plan))),
       thread_([this] { ReadAll(); }) {}
 
 StepReader::~StepReader() {
@@ -135,6 +166,7 @@ StatusOr<StepVoxels> StepReader::Read(const PlannedStep& step) {
       }
     }
     StepAssembler assembler(plan_.extent, options_.chunk_edge, members.size(), bytes_left);
+    client_.Allow({source.path});
     FOVEA_RETURN_IF_ERROR(
         client_.Call(source.path, Encode(request), {},
                      [&](const FrameView& reply) { return assembler.Consume(reply); }));

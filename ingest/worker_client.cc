@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -17,6 +18,7 @@
 #include <poll.h>
 #include <spawn.h>
 
+#include "engine/base/parallel.h"
 #include "ingest/program_path.h"
 
 namespace fovea::ingest {
@@ -26,8 +28,16 @@ constexpr int64_t kBaseMemoryBytes = 512 << 20;
 constexpr int kReapMs = 2000;
 constexpr size_t kAttachmentPieceBytes = 1 << 20;
 
+constexpr double kMaxSeconds = 1e7;
+
 double SecondsPerFile(const WorkerLimits& limits) {
-  return std::clamp(limits.seconds_per_file, 0.0, 1e7);
+  return std::clamp(limits.seconds_per_file, 0.0, kMaxSeconds);
+}
+
+int64_t ProcessorSecondsPerFile(const WorkerLimits& limits) {
+  const double seconds =
+      limits.cpu_seconds_per_file.value_or((SecondsPerFile(limits) + 1) * HardwareThreads());
+  return static_cast<int64_t>(std::ceil(std::clamp(seconds, 1.0, kMaxSeconds * 1024)));
 }
 
 [[maybe_unused]] int64_t MachineMemoryBytes() {  // no limit in sanitizer builds
@@ -120,25 +130,60 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
     return Unavailable("cannot make a socket pair: {}", std::strerror(errno));
   }
   channel_ = std::make_unique<Channel>(sockets[0]);
-  const auto seconds = static_cast<int64_t>(std::ceil(SecondsPerFile(options_.limits)));
-  const auto pid =
-      Spawn(program,
-            {"--memory-bytes", std::to_string(WorkerMemoryBytes(options_)), "--seconds-per-file",
-             std::to_string(seconds), "--dies-with-thread", options_.dies_with_thread ? "1" : "0"},
-            sockets[1]);
+  const auto pid = Spawn(program,
+                         {"--memory-bytes", std::to_string(WorkerMemoryBytes(options_)),
+                          "--cpu-seconds", std::to_string(ProcessorSecondsPerFile(options_.limits)),
+                          "--dies-with-thread", options_.dies_with_thread ? "1" : "0"},
+                         sockets[1]);
   ::close(sockets[1]);
   FOVEA_RETURN_IF_ERROR(pid.status());
   {
     const std::lock_guard lock(pid_mutex_);
     pid_ = *pid;
   }
-  FOVEA_ASSIGN_OR_RETURN(const FrameView hello, channel_->Receive(deadline));
-  FOVEA_ASSIGN_OR_RETURN(const uint32_t version, DecodeHello(hello));
-  if (version != kProtocolVersion) {
-    return FailedPrecondition("'{}' is of another version: it speaks protocol {}, not {}", program,
-                              version, kProtocolVersion);
+  return Annotate(Introduce(deadline), program);
+}
+
+/// Tells the worker what it may read, and waits until it can read nothing else.
+Status WorkerClient::Introduce(Channel::Deadline deadline) {
+  readable_.clear();
+  for (const std::string& path : options_.files) {
+    readable_.emplace(path, Identify(path));
   }
+  for (const Frame& frame : EncodeFiles(options_.files)) {
+    FOVEA_RETURN_IF_ERROR(channel_->Send(frame, deadline));
+  }
+  FOVEA_RETURN_IF_ERROR(channel_->Send(Encode(BeginRequest{options_.pictures}), deadline));
+  FOVEA_RETURN_IF_ERROR(channel_->Flush(deadline));
+  FOVEA_ASSIGN_OR_RETURN(const FrameView reply, channel_->Receive(deadline));
+  if (reply.kind == FrameKind::kError) {
+    return DecodeError(reply);
+  }
+  FOVEA_ASSIGN_OR_RETURN(hello_, DecodeHello(reply));
   return absl::OkStatus();
+}
+
+WorkerClient::FileIdentity WorkerClient::Identify(const std::string& path) {
+  struct stat about {};
+  return ::stat(path.c_str(), &about) == 0 ? FileIdentity{about.st_dev, about.st_ino}
+                                           : FileIdentity{};
+}
+
+void WorkerClient::Allow(const std::vector<std::string>& files) {
+  bool is_confined_without = false;
+  for (const std::string& path : files) {
+    const auto known = readable_.find(path);
+    if (known != readable_.end() && known->second == Identify(path)) {
+      continue;
+    }
+    is_confined_without = true;
+    if (std::find(options_.files.begin(), options_.files.end(), path) == options_.files.end()) {
+      options_.files.push_back(path);
+    }
+  }
+  if (is_confined_without && pid() != 0) {
+    Stop();
+  }
 }
 
 Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
@@ -168,29 +213,46 @@ Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
   }
 }
 
+Channel::Deadline WorkerClient::NewDeadline() const {
+  return std::chrono::steady_clock::now() +
+         std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+             std::chrono::duration<double>(SecondsPerFile(options_.limits)));
+}
+
 Status WorkerClient::Call(const std::string& about, const Frame& request,
                           std::string_view attachment,
                           const std::function<Status(const FrameView&)>& on_reply) {
-  const double seconds = SecondsPerFile(options_.limits);
-  const auto deadline = std::chrono::steady_clock::now() +
-                        std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                            std::chrono::duration<double>(seconds));
   bool is_clean = false;
-  Status status = Exchange(request, attachment, on_reply, deadline, &is_clean);
-  if (is_clean) {
-    return Annotate(status, about);
+  Status status = Exchange(request, attachment, on_reply, NewDeadline(), &is_clean);
+  if (!is_clean) {
+    status = GiveUp(status);
   }
+  return Annotate(status, about);
+}
+
+StatusOr<Hello> WorkerClient::Greet() {
+  ForgetIfDead();
+  if (channel_ == nullptr) {
+    const Status status = Start(NewDeadline());
+    if (!status.ok()) {
+      return GiveUp(status);
+    }
+  }
+  return hello_;
+}
+
+Status WorkerClient::GiveUp(const Status& status) {
+  Status reason = status;
   if (absl::IsUnavailable(status) && pid() != 0) {
-    status = DescribeDeath();
+    reason = DescribeDeath();
   } else if (absl::IsDeadlineExceeded(status)) {
-    status = DeadlineExceeded(
+    reason = DeadlineExceeded(
         "reading it took longer than {} seconds and was stopped; the file may be damaged (allow "
-        "more "
-        "with --worker-seconds)",
+        "more with --worker-seconds)",
         options_.limits.seconds_per_file);
   }
   Stop();
-  return Annotate(status, about);
+  return reason;
 }
 
 Status WorkerClient::DescribeDeath() {
@@ -198,6 +260,12 @@ Status WorkerClient::DescribeDeath() {
   const int status = Reap(TakePid());
   if (WIFSIGNALED(status)) {
     const int signal = WTERMSIG(status);
+    if (signal == SIGXCPU) {
+      return DeadlineExceeded(
+          "reading it took more than {} seconds of processor time and was stopped; the file may be "
+          "damaged (allow more with --worker-cpu-seconds)",
+          ProcessorSecondsPerFile(options_.limits));
+    }
     return DataLoss("the worker that reads it died of signal {} ({}); the file is probably damaged",
                     signal, ::sigdescr_np(signal) == nullptr ? "unknown" : ::sigdescr_np(signal));
   }

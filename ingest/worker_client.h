@@ -9,7 +9,9 @@
 #include <mutex>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <utility>
+#include <vector>
 
 #include "engine/base/status.h"
 #include "ingest/channel.h"
@@ -25,6 +27,10 @@ struct WorkerOptions {
   std::string program;  // empty: fovea-worker, where FindProgram finds it
   /// Whether the process goes with the thread that started it, not only with the client.
   bool dies_with_thread = true;
+  /// All that the worker may read; Allow adds to it.
+  std::vector<std::string> files;
+  /// Whether it needs OpenImageIO, which takes most of a second to load.
+  bool pictures = false;
 };
 
 /// The memory limit of a worker: as asked for, else 512 MB + 3 x the declared bytes, at most what
@@ -49,12 +55,31 @@ class WorkerClient {
                             std::string_view attachment,
                             const std::function<Status(const FrameView&)>& on_reply);
 
+  /// Files that the next calls may read. A worker is confined for good when it starts
+  /// (ingest/worker/sandbox.h), so one that does not know a file, or knew another of that name, is
+  /// replaced: name as many as are known in WorkerOptions::files.
+  void Allow(const std::vector<std::string>& files);
+
+  /// Starts a worker, if none runs, and says how it is confined. Fails as Call does.
+  [[nodiscard]] StatusOr<Hello> Greet();
+
   /// From any thread: kills the worker, so that the call in hand ends with an error.
   void Interrupt();
   /// The process, or 0.
   [[nodiscard]] pid_t pid() const;
 
  private:
+  /// Which file a name stands for; all zero: none.
+  struct FileIdentity {
+    dev_t device = 0;
+    ino_t number = 0;
+    friend bool operator==(const FileIdentity&, const FileIdentity&) = default;
+  };
+  [[nodiscard]] static FileIdentity Identify(const std::string& path);
+  [[nodiscard]] Status Introduce(Channel::Deadline deadline);
+  [[nodiscard]] Channel::Deadline NewDeadline() const;
+  /// What a call failed of, for people; the worker is stopped.
+  [[nodiscard]] Status GiveUp(const Status& status);
   [[nodiscard]] Status Start(Channel::Deadline deadline);
   [[nodiscard]] Status Exchange(const Frame& request, std::string_view attachment,
                                 const std::function<Status(const FrameView&)>& on_reply,
@@ -66,6 +91,8 @@ class WorkerClient {
 
   WorkerOptions options_;
   std::unique_ptr<Channel> channel_;
+  std::unordered_map<std::string, FileIdentity> readable_;  // for the worker that runs
+  Hello hello_;                                             // of it
   mutable std::mutex pid_mutex_;
   pid_t pid_ = 0;  // guarded by pid_mutex_
 };

@@ -3,11 +3,10 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
-
-#include "engine/base/parallel.h"
 
 namespace fovea::ingest {
 namespace {
@@ -46,7 +45,7 @@ Status LimitProcessorTime(int64_t seconds) {
     return Internal("getrusage: {}", std::strerror(errno));
   }
   const int64_t spent = used.ru_utime.tv_sec + used.ru_stime.tv_sec + 1;
-  const auto soft = static_cast<rlim_t>(spent + (seconds + 1) * HardwareThreads());
+  const auto soft = static_cast<rlim_t>(spent + seconds);
   return SetLimit(RLIMIT_CPU, "RLIMIT_CPU", std::min(soft, limit.rlim_max), limit.rlim_max);
 }
 

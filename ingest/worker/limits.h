@@ -12,7 +12,8 @@ namespace fovea::ingest {
 /// `dies_with_thread` the process is killed when the thread that started it ends.
 [[nodiscard]] Status LimitProcess(int64_t memory_bytes, bool dies_with_thread);
 
-/// Allows `seconds` more of processor time on each processor, counted from now.
+/// Allows `seconds` more of processor time, of all threads together, counted from now; SIGXCPU is
+/// what comes after.
 [[nodiscard]] Status LimitProcessorTime(int64_t seconds);
 
 }  // namespace fovea::ingest

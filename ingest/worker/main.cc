@@ -8,12 +8,16 @@
 #include <cstdio>
 #include <cstdlib>
 #include <string>
+#include <vector>
+
+#include <dlfcn.h>
 
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
 #include "ingest/worker/limits.h"
 #include "ingest/worker/picture_encoder.h"
 #include "ingest/worker/raw_reader.h"
+#include "ingest/worker/sandbox.h"
 #include "ingest/worker/vdb_reader.h"
 
 namespace fovea::ingest {
@@ -21,7 +25,7 @@ namespace {
 
 struct Settings {
   int64_t memory_bytes = 0;
-  int64_t seconds_per_file = 120;
+  int64_t cpu_seconds = 120;  // for one request
   bool dies_with_thread = true;
 };
 
@@ -44,9 +48,47 @@ Status Answer(const FrameView& request, Channel* channel) {
   }
 }
 
+/// OpenVDB, as Debian builds it, logs through log4cplus, which starts four threads before main and
+/// never uses them. The sandbox must come before any thread. Looked up by name, because another
+/// build of OpenVDB has no log4cplus.
+void StopLogThreads() {
+  constexpr char kShutdownThreadPool[] = "_ZN9log4cplus18shutdownThreadPoolEv";
+  void* symbol = ::dlsym(RTLD_DEFAULT, kShutdownThreadPool);
+  if (symbol != nullptr) {
+    reinterpret_cast<void (*)()>(symbol)();
+  }
+}
+
+/// Learns which files may be read, loads what reading them needs, and gives up all the rest.
+StatusOr<Hello> Confined(Channel* channel) {
+  std::vector<std::string> files;
+  while (true) {
+    FOVEA_ASSIGN_OR_RETURN(const FrameView frame, channel->Receive(Channel::kNoDeadline));
+    if (frame.kind != FrameKind::kFiles) {
+      FOVEA_ASSIGN_OR_RETURN(const BeginRequest begin, DecodeBeginRequest(frame));
+      if (begin.pictures) {
+        FOVEA_RETURN_IF_ERROR(LoadPictureModule());
+      }
+      break;
+    }
+    FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> more, DecodeFiles(frame));
+    files.insert(files.end(), more.begin(), more.end());
+  }
+  StopLogThreads();
+  FOVEA_ASSIGN_OR_RETURN(const Confinement confinement, Confine(files));
+  return Hello{kProtocolVersion, static_cast<uint32_t>(confinement.landlock_abi),
+               confinement.system_calls_filtered};
+}
+
 /// Answers requests until the other end closes.
 Status Serve(const Settings& settings, Channel* channel) {
-  FOVEA_RETURN_IF_ERROR(channel->Send(EncodeHello(kProtocolVersion), Channel::kNoDeadline));
+  const auto hello = Confined(channel);
+  FOVEA_RETURN_IF_ERROR(channel->Send(hello.ok() ? Encode(*hello) : EncodeError(hello.status()),
+                                      Channel::kNoDeadline));
+  if (!hello.ok()) {
+    FOVEA_RETURN_IF_ERROR(channel->Flush(Channel::kNoDeadline));
+    return hello.status();
+  }
   while (true) {
     FOVEA_RETURN_IF_ERROR(channel->Flush(Channel::kNoDeadline));
     const auto request = channel->Receive(Channel::kNoDeadline);
@@ -54,7 +96,7 @@ Status Serve(const Settings& settings, Channel* channel) {
       return absl::OkStatus();
     }
     FOVEA_RETURN_IF_ERROR(request.status());
-    FOVEA_RETURN_IF_ERROR(LimitProcessorTime(settings.seconds_per_file));
+    FOVEA_RETURN_IF_ERROR(LimitProcessorTime(settings.cpu_seconds));
     const Status answer = Answer(*request, channel);
     const Frame last = answer.ok() ? Frame{FrameKind::kEnd, ""} : EncodeError(answer);
     FOVEA_RETURN_IF_ERROR(channel->Send(last, Channel::kNoDeadline));
@@ -70,8 +112,8 @@ bool ParseSettings(int argc, char** argv, Settings* settings) {
     const int64_t value = std::atoll(argv[i + 1]);  // the program wrote it
     if (name == "--memory-bytes") {
       settings->memory_bytes = value;
-    } else if (name == "--seconds-per-file") {
-      settings->seconds_per_file = value;
+    } else if (name == "--cpu-seconds") {
+      settings->cpu_seconds = value;
     } else if (name == "--dies-with-thread") {
       settings->dies_with_thread = value != 0;
     } else {

@@ -16,8 +16,7 @@ namespace {
 constexpr int64_t kMaxSide = 65536;
 constexpr int64_t kMaxPixels = int64_t{1} << 28;
 
-/// Stays loaded: the next picture needs it again.
-StatusOr<FoveaEncodePicture> LoadModule() {
+StatusOr<FoveaEncodePicture> OpenModule() {
   std::error_code error;
   const std::filesystem::path path =
       std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / kFoveaPictureModule;
@@ -29,6 +28,12 @@ StatusOr<FoveaEncodePicture> LoadModule() {
                               reason == nullptr ? "it is not there" : reason);
   }
   return reinterpret_cast<FoveaEncodePicture>(symbol);
+}
+
+/// Loaded once: a confined process cannot load it any more.
+const StatusOr<FoveaEncodePicture>& Encoder() {
+  static const StatusOr<FoveaEncodePicture> encoder = OpenModule();
+  return encoder;
 }
 
 /// All the pixels are taken in before anything can fail, so that the program is never left talking.
@@ -49,6 +54,10 @@ StatusOr<std::vector<float>> ReceivePixels(int64_t values, Channel* channel) {
 
 }  // namespace
 
+Status LoadPictureModule() {
+  return Encoder().status();
+}
+
 Status EncodePicture(const PictureRequest& request, Channel* channel) {
   if (request.width < 1 || request.width > kMaxSide || request.height < 1 ||
       request.height > kMaxSide || request.width * request.height > kMaxPixels) {
@@ -56,7 +65,7 @@ Status EncodePicture(const PictureRequest& request, Channel* channel) {
   }
   FOVEA_ASSIGN_OR_RETURN(const std::vector<float> rgba,
                          ReceivePixels(4 * request.width * request.height, channel));
-  FOVEA_ASSIGN_OR_RETURN(const FoveaEncodePicture encode, LoadModule());
+  FOVEA_ASSIGN_OR_RETURN(const FoveaEncodePicture encode, Encoder());
   std::string encoded;
   char error[512] = "";
   const auto sink = [](void* context, const char* bytes, size_t count) {

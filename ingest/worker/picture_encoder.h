@@ -7,8 +7,11 @@
 
 namespace fovea::ingest {
 
-/// Receives the pixels that follow `request`, encodes them through the picture module (loaded at
-/// the first picture) and sends the bytes of the file.
+/// Loads the picture module (OpenImageIO), which a confined process cannot do any more.
+[[nodiscard]] Status LoadPictureModule();
+
+/// Receives the pixels that follow `request`, encodes them through the picture module and sends the
+/// bytes of the file.
 [[nodiscard]] Status EncodePicture(const PictureRequest& request, Channel* channel);
 
 }  // namespace fovea::ingest

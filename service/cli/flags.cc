@@ -290,6 +290,13 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
       ->check(CLI::PositiveNumber)
       ->type_name("S")
       ->group(kForeignGroup);
+  app->add_option(
+         "--worker-cpu-seconds", ingest->worker.cpu_seconds_per_file,
+         "How much processor time it may take for one file, all threads together (default: "
+         "--worker-seconds on every processor)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("S")
+      ->group(kForeignGroup);
 }
 
 void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest) {

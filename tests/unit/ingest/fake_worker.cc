@@ -34,6 +34,9 @@ void Behave(const std::string& path, Channel* channel) {
   if (path == "killed") {
     ::raise(SIGKILL);
   }
+  if (path == "works") {
+    ::raise(SIGXCPU);
+  }
   if (path == "exits") {
     std::exit(3);
   }
@@ -64,7 +67,16 @@ void Behave(const std::string& path, Channel* channel) {
 
 int main() {
   Channel channel(STDIN_FILENO);
-  Send(&channel, fovea::ingest::EncodeHello(fovea::ingest::kProtocolVersion));
+  while (true) {  // the list of files
+    const auto frame = channel.Receive(Channel::kNoDeadline);
+    if (!frame.ok()) {
+      return 0;
+    }
+    if (frame->kind == FrameKind::kBegin) {
+      break;
+    }
+  }
+  Send(&channel, Encode(fovea::ingest::Hello{}));
   while (true) {
     const auto request = channel.Receive(Channel::kNoDeadline);
     if (!request.ok()) {

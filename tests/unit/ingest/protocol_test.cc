@@ -52,6 +52,35 @@ TEST(ProtocolTest, RepliesComeBackAsSent) {
               FailsWith(absl::StatusCode::kNotFound, "no grid"));
 }
 
+TEST(ProtocolTest, FilesComeInAsManyFramesAsTheyTake) {
+  EXPECT_TRUE(EncodeFiles({}).empty());
+  std::vector<std::string> paths{"", "a.vdb"};
+  for (int i = 0; i < 3000; ++i) {
+    paths.push_back(std::to_string(i) + std::string(4000, 'x'));
+  }
+  std::vector<std::string> back;
+  const std::vector<Frame> frames = EncodeFiles(paths);
+  for (const Frame& frame : frames) {
+    EXPECT_LE(frame.payload.size(), kMaxPayloadBytes);
+    ASSERT_OK_AND_ASSIGN(const auto some, DecodeFiles(frame));
+    back.insert(back.end(), some.begin(), some.end());
+  }
+  EXPECT_GT(frames.size(), 1U);
+  EXPECT_EQ(back, paths);
+  EXPECT_THAT(DecodeFiles(Frame{FrameKind::kFiles, "xyz"}), FailsWith(kInternal, "malformed"));
+}
+
+TEST(ProtocolTest, TheGreetingTellsHowTheWorkerIsConfined) {
+  ASSERT_OK_AND_ASSIGN(const Hello hello, DecodeHello(Encode(Hello{kProtocolVersion, 7, true})));
+  EXPECT_EQ(hello.landlock_abi, 7U);
+  EXPECT_TRUE(hello.system_calls_filtered);
+  ASSERT_OK_AND_ASSIGN(const BeginRequest begin, DecodeBeginRequest(Encode(BeginRequest{true})));
+  EXPECT_TRUE(begin.pictures);
+  // Of another version, the rest of the greeting may be anything.
+  EXPECT_THAT(DecodeHello(Frame{FrameKind::kHello, std::string("\1\0\0\0", 4)}),
+              FailsWith(absl::StatusCode::kFailedPrecondition, "protocol 1"));
+}
+
 TEST(ProtocolTest, AnErrorIsNeverOk) {
   Frame frame = EncodeError(NotFound("x"));
   frame.payload[0] = 0;  // the code of OK

@@ -5,6 +5,8 @@
 #include <cerrno>
 #include <chrono>
 #include <csignal>
+#include <filesystem>
+#include <fstream>
 #include <string>
 #include <thread>
 
@@ -12,6 +14,7 @@
 
 #include "engine/base/stopwatch.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/temporary_folder.h"
 
 namespace fovea::ingest {
 namespace {
@@ -46,6 +49,64 @@ TEST(WorkerClientTest, ADeadWorkerIsReportedWithFileAndSignalAndReplaced) {
   EXPECT_THAT(Scan(&client, "killed"), FailsWith(absl::StatusCode::kDataLoss, "signal 9 (Killed)"));
   EXPECT_THAT(Scan(&client, "exits"), FailsWith(absl::StatusCode::kDataLoss, "exit status 3"));
   EXPECT_OK(Scan(&client, "fine"));
+}
+
+TEST(WorkerClientTest, TooMuchProcessorTimeNamesTheFlag) {
+  WorkerOptions options = Fake(30);
+  options.limits.cpu_seconds_per_file = 7;
+  WorkerClient client(options);
+  EXPECT_THAT(Scan(&client, "works"),
+              FailsWith(absl::StatusCode::kDeadlineExceeded, "7 seconds of processor time"));
+  EXPECT_THAT(Scan(&client, "works"),
+              FailsWith(absl::StatusCode::kDeadlineExceeded, "--worker-cpu-seconds"));
+}
+
+TEST(WorkerClientTest, AWorkerIsReplacedForAFileThatItWasNotStartedWith) {
+  const fovea::testing::TemporaryFolder folder;
+  const std::string known = folder / "known";
+  const std::string later = folder / "later";
+  std::ofstream(known) << "1";
+  std::ofstream(later) << "2";
+  WorkerOptions options = Fake(30);
+  options.files = {known};
+  WorkerClient client(options);
+  client.Allow({known});
+  ASSERT_OK(Scan(&client, "fine"));
+  const pid_t first = client.pid();
+  client.Allow({known});
+  ASSERT_OK(Scan(&client, "fine"));
+  EXPECT_EQ(client.pid(), first);
+
+  client.Allow({later});
+  ASSERT_OK(Scan(&client, "fine"));
+  const pid_t second = client.pid();
+  EXPECT_NE(second, first);
+  client.Allow({known, later});
+  ASSERT_OK(Scan(&client, "fine"));
+  EXPECT_EQ(client.pid(), second);
+
+  std::filesystem::rename(later, known);  // another file of a name that it knows
+  client.Allow({known});
+  ASSERT_OK(Scan(&client, "fine"));
+  EXPECT_NE(client.pid(), second);
+}
+
+TEST(WorkerClientTest, TheRealWorkerReadsNothingButWhatWasAllowed) {
+  WorkerOptions options;
+  options.files = {FOVEA_SOURCE_DIR "/tests/data/plume/plume_0001.vdb"};
+  WorkerClient client(options);
+  const auto hello = client.Greet();
+  ASSERT_OK(hello);
+  if (hello->landlock_abi == 0) {
+    GTEST_SKIP() << "this kernel has no Landlock";
+  }
+  const std::string other = FOVEA_SOURCE_DIR "/tests/data/plume/plume_0005.vdb";
+  const auto ignore = [](const FrameView&) { return absl::OkStatus(); };
+  const Frame request = Encode(ScanRequest{other, {}, false});
+  EXPECT_THAT(client.Call(other, request, {}, ignore),
+              FailsWith(absl::StatusCode::kDataLoss, "Permission denied"));
+  client.Allow({other});
+  EXPECT_OK(client.Call(other, request, {}, ignore));
 }
 
 TEST(WorkerClientTest, AWorkerThatDiesBetweenFilesIsReplacedUnnoticed) {

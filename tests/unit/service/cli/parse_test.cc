@@ -183,7 +183,9 @@ TEST(Parse, IngestTakesRawFormats) {
                                               "--worker-memory",
                                               "2GB",
                                               "--worker-seconds",
-                                              "9"});
+                                              "9",
+                                              "--worker-cpu-seconds",
+                                              "30"});
   const ingest::IngestOptions& options = command.ingest;
   EXPECT_EQ(options.inputs, (std::vector<std::string>{"a.raw", "b.raw"}));
   ASSERT_TRUE(options.raw.has_value());
@@ -197,6 +199,8 @@ TEST(Parse, IngestTakesRawFormats) {
   EXPECT_EQ(options.chunk_edge, 8);
   EXPECT_TRUE(options.append);
   EXPECT_EQ(options.worker.memory_bytes, int64_t{2} << 30);
+  EXPECT_EQ(options.worker.seconds_per_file, 9);
+  EXPECT_EQ(options.worker.cpu_seconds_per_file, 30);
 }
 
 TEST(Parse, GridsMayBeNamedMoreThanOnceBetweenInputs) {
