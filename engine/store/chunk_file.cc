@@ -2,6 +2,7 @@
 
 #include <cstring>
 #include <limits>
+#include <utility>
 
 namespace fovea::store {
 namespace {
@@ -52,12 +53,20 @@ StatusOr<ShardIndex> ReadShardIndex(const ReadableFile& file, size_t chunks,
   return index;
 }
 
+StatusOr<ShardWriter> ShardWriter::Start(FileBatch* batch, const std::string& path, size_t chunks) {
+  FOVEA_ASSIGN_OR_RETURN(WritableFile file, batch->Start(path));
+  return ShardWriter(std::move(file), chunks);
+}
+
 Status ShardWriter::Append(size_t place, std::span<const std::byte> encoded) {
   index_[place] = ShardEntry{file_.size(), encoded.size()};
   return file_.Append(encoded);
 }
 
 Status ShardWriter::Finish() {
+  if (std::exchange(is_finished_, true)) {
+    return absl::OkStatus();
+  }
   std::vector<std::byte> bytes;
   for (const std::optional<ShardEntry>& entry : index_) {
     const uint64_t pair[2] = {entry ? entry->offset : kAbsent, entry ? entry->bytes : kAbsent};
@@ -65,7 +74,9 @@ Status ShardWriter::Finish() {
     bytes.insert(bytes.end(), raw.begin(), raw.end());
   }
   AppendCrc32c(bytes);
-  return file_.Append(bytes);
+  FOVEA_RETURN_IF_ERROR(file_.Append(bytes));
+  Close();
+  return absl::OkStatus();
 }
 
 std::string SeriesPath(const std::string& store_path, const std::string& array, int64_t step,

@@ -39,17 +39,24 @@ using ShardIndex = std::vector<std::optional<ShardEntry>>;
 [[nodiscard]] StatusOr<ShardIndex> ReadShardIndex(const ReadableFile& file, size_t chunks,
                                                   int64_t max_chunk_bytes);
 
-/// Writes one shard, chunk after chunk.
+/// Writes one shard, chunk after chunk. Its file is open from an Append to Close or Finish only.
 class ShardWriter {
  public:
-  ShardWriter(WritableFile file, size_t chunks) : file_(std::move(file)), index_(chunks) {}
+  /// Adds the file `path` to `batch`. It will hold `chunks` chunks, or fewer.
+  [[nodiscard]] static StatusOr<ShardWriter> Start(FileBatch* batch, const std::string& path,
+                                                   size_t chunks);
   [[nodiscard]] Status Append(size_t place, std::span<const std::byte> encoded);
-  /// Writes the index. The last call.
+  /// Gives the file back to the system until the next Append.
+  void Close() { file_.Close(); }
+  /// Writes the index, once; nothing can follow.
   [[nodiscard]] Status Finish();
 
  private:
+  ShardWriter(WritableFile file, size_t chunks) : file_(std::move(file)), index_(chunks) {}
+
   WritableFile file_;
   ShardIndex index_;
+  bool is_finished_ = false;
 };
 
 /// The values of one chunk of a small array with steps along its first axis: time, stats ...

@@ -10,9 +10,9 @@
 
 #include "engine/store/chunk_file.h"
 #include "engine/store/codec.h"
+#include "engine/store/field_writer.h"
 #include "engine/store/file.h"
 #include "engine/store/layout.h"
-#include "engine/store/level_writer.h"
 #include "engine/store/metadata.h"
 
 // A commit, in the order in which it reaches the disk:
@@ -108,15 +108,15 @@ class Writer final : public DatasetWriter {
         batch_(files) {}
 
   [[nodiscard]] const DatasetInfo& info() const override { return info_; }
+  [[nodiscard]] StatusOr<std::unique_ptr<FieldWriter>> BeginField(
+      const std::string& field) override;
   [[nodiscard]] Status WriteField(const std::string& field, const CoefficientSet& coefficients,
                                   const FieldStats& stats) override;
   [[nodiscard]] Status Commit(int64_t time_ns, std::optional<int64_t> frame_number) override;
 
  private:
-  [[nodiscard]] Status CheckField(const std::string& field, const CoefficientSet& coefficients,
-                                  const FieldStats& stats) const;
-  [[nodiscard]] Status WriteFieldFiles(const std::string& field,
-                                       const CoefficientSet& coefficients);
+  [[nodiscard]] Status CheckCoefficients(const std::string& field,
+                                         const CoefficientSet& coefficients) const;
   [[nodiscard]] Status CheckCommit(int64_t time_ns, std::optional<int64_t> frame_number) const;
   void SetRows(int64_t time_ns, std::optional<int64_t> frame_number);
   [[nodiscard]] Status WriteAllSeries();
@@ -132,6 +132,7 @@ class Writer final : public DatasetWriter {
   std::vector<ArraySpec> arrays_;
   Series series_;
   // The step in hand.
+  EncoderPool encoders_;
   FileBatch batch_;
   std::map<std::string, FieldStats> written_;
   bool broken_ = false;  // a commit failed halfway: what is on disk is not what we hold
@@ -150,8 +151,7 @@ void Writer::DropStep() {
   written_.clear();
 }
 
-Status Writer::CheckField(const std::string& field, const CoefficientSet& coefficients,
-                          const FieldStats& stats) const {
+StatusOr<std::unique_ptr<FieldWriter>> Writer::BeginField(const std::string& field) {
   FOVEA_RETURN_IF_ERROR(CheckUsable());
   const auto is_field = [&](const FieldInfo& known) { return known.name == field; };
   if (std::none_of(info_.fields.begin(), info_.fields.end(), is_field)) {
@@ -160,16 +160,21 @@ Status Writer::CheckField(const std::string& field, const CoefficientSet& coeffi
   if (written_.contains(field)) {
     return FailedPrecondition("field '{}' of this step was written already", field);
   }
-  if (!std::isfinite(stats.minimum) || !std::isfinite(stats.maximum) ||
-      stats.minimum > stats.maximum) {
-    return InvalidArgument("field '{}' has the range {} to {}", field, stats.minimum,
-                           stats.maximum);
-  }
+  return std::make_unique<FieldWriter>(path_, info_, field, &encoders_, &batch_,
+                                       [this, field](const FieldStats* stats) {
+                                         if (stats == nullptr) {
+                                           DropStep();
+                                         } else {
+                                           written_[field] = *stats;
+                                         }
+                                       });
+}
+
+Status Writer::CheckCoefficients(const std::string& field,
+                                 const CoefficientSet& coefficients) const {
   const Hierarchy& hierarchy = info_.hierarchy;
-  const Box3 coarse = Box3::OfSize(hierarchy.DimsAt(0));
-  bool fits = coefficients.hierarchy == hierarchy && coefficients.coarse.box == coarse &&
-              std::ssize(coefficients.coarse.values) == coarse.Volume() &&
-              std::ssize(coefficients.detail) == hierarchy.finest();
+  bool fits =
+      coefficients.hierarchy == hierarchy && std::ssize(coefficients.detail) == hierarchy.finest();
   for (int level = 0; fits && level < hierarchy.finest(); ++level) {
     const BrickGrid& detail = coefficients.detail[static_cast<size_t>(level)];
     fits = detail.dims() == hierarchy.DimsAt(level) && detail.edge() == info_.chunk_edge &&
@@ -190,44 +195,24 @@ Status Writer::CheckField(const std::string& field, const CoefficientSet& coeffi
     return InvalidArgument("the coefficients of field '{}' are {}, the store's {}", field,
                            basis.integer ? "integers" : "floats", info_.TypeOf(field));
   }
-  const auto& values = coefficients.coarse.values;
-  if (!std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); })) {
-    return InvalidArgument("a coarse value of field '{}' is not finite", field);
-  }
-  return absl::OkStatus();
-}
-
-Status Writer::WriteFieldFiles(const std::string& field, const CoefficientSet& coefficients) {
-  const int64_t step = info_.committed_steps;
-  const std::string& type = info_.TypeOf(field);
-  Encoder encoder;
-  // Stored even if it is all zeros: no step is without it, so that its loss is noticed.
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> raw,
-                         ToStored(coefficients.coarse.values, type));
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> coarse, encoder.Encode(raw));
-  const std::string name = SpaceChunkName(step, {0, 0, 0}, /*with_bands=*/false);
-  FOVEA_RETURN_IF_ERROR(
-      batch_.Write(fmt::format("{}/{}/{}", path_, CoarsePath(field), name), coarse));
-  for (int level = 0; level < info_.hierarchy.finest(); ++level) {
-    const LevelLayout layout = LevelLayout::Make(info_, type, level);
-    FOVEA_RETURN_IF_ERROR(WriteLevel(path_, field, step, layout,
-                                     coefficients.detail[static_cast<size_t>(level)], &batch_));
-  }
   return absl::OkStatus();
 }
 
 Status Writer::WriteField(const std::string& field, const CoefficientSet& coefficients,
                           const FieldStats& stats) {
-  Status status = CheckField(field, coefficients, stats);
+  auto writer = BeginField(field);
+  Status status = writer.status();
   if (status.ok()) {
-    status = WriteFieldFiles(field, coefficients);
+    status = CheckCoefficients(field, coefficients);
+  }
+  if (status.ok()) {
+    status = AddAllDetail(coefficients, writer->get());
   }
   if (!status.ok()) {
     DropStep();
     return Annotate(status, fmt::format("field '{}' of step {}", field, info_.committed_steps));
   }
-  written_[field] = stats;
-  return absl::OkStatus();
+  return (*writer)->Finish(coefficients.coarse, stats);
 }
 
 Status Writer::CheckCommit(int64_t time_ns, std::optional<int64_t> frame_number) const {

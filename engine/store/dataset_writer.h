@@ -9,6 +9,7 @@
 
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
+#include "engine/store/field_writer.h"
 #include "engine/store/file_system.h"
 #include "engine/volume/coefficient_set.h"
 
@@ -33,10 +34,13 @@ class DatasetWriter {
   virtual ~DatasetWriter() = default;
 
   [[nodiscard]] virtual const DatasetInfo& info() const = 0;
-  /// Writes one field of the step in hand (index committed_steps). Every field once before Commit.
-  /// INVALID_ARGUMENT if the coefficients are not of this store's dimensions, chunk edge and
-  /// wavelet, or not finite. After any error of this call or of Commit the step in hand is gone:
-  /// write all its fields again, or stop.
+  /// Begins one field of the step in hand (index committed_steps), to be written in layers. Every
+  /// field once before Commit, one at a time. NOT_FOUND if there is no such field.
+  [[nodiscard]] virtual StatusOr<std::unique_ptr<FieldWriter>> BeginField(
+      const std::string& field) = 0;
+  /// The same with coefficients that are all in memory. INVALID_ARGUMENT if the coefficients are
+  /// not of this store's dimensions, chunk edge and wavelet, or not finite. After any error of this
+  /// call or of Commit the step in hand is gone: write all its fields again, or stop.
   [[nodiscard]] virtual Status WriteField(const std::string& field,
                                           const CoefficientSet& coefficients,
                                           const FieldStats& stats) = 0;

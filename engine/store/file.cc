@@ -110,6 +110,7 @@ StatusOr<std::vector<std::byte>> ReadWholeFile(FileSystem& files, const std::str
 
 StatusOr<WritableFile> WritableFile::Create(FileSystem& files, const std::string& path) {
   WritableFile file;
+  file.files_ = &files;
   file.path_ = path;
   file.handle_ = Handle(files, files.Open(path, Access::kCreate));
   if (!file.handle_.ok()) {
@@ -119,6 +120,12 @@ StatusOr<WritableFile> WritableFile::Create(FileSystem& files, const std::string
 }
 
 Status WritableFile::Append(std::span<const std::byte> bytes) {
+  if (!handle_.ok()) {
+    handle_ = Handle(*files_, files_->Open(path_, Access::kAppend));
+    if (!handle_.ok()) {
+      return ErrnoStatus(-handle_.get(), "cannot open", path_);
+    }
+  }
   while (!bytes.empty()) {
     const int64_t put = handle_.files().Write(handle_.get(), bytes);
     if (put < 0) {

@@ -65,10 +65,13 @@ class WritableFile {
  public:
   /// Creates or truncates.
   [[nodiscard]] static StatusOr<WritableFile> Create(FileSystem& files, const std::string& path);
+  /// Opens the file again if it was closed.
   [[nodiscard]] Status Append(std::span<const std::byte> bytes);
+  void Close() { handle_ = Handle(); }
   [[nodiscard]] uint64_t size() const { return size_; }
 
  private:
+  FileSystem* files_ = nullptr;
   std::string path_;
   Handle handle_;
   uint64_t size_ = 0;

@@ -30,6 +30,8 @@ int FlagsOf(FileSystem::Access access) {
       return O_RDONLY | O_NONBLOCK;
     case FileSystem::Access::kCreate:
       return O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW;
+    case FileSystem::Access::kAppend:
+      return O_WRONLY | O_APPEND | O_NOFOLLOW;
     case FileSystem::Access::kLock:
       return O_RDWR | O_CREAT | O_NOFOLLOW;
     case FileSystem::Access::kDirectory:

@@ -25,6 +25,7 @@ class FileSystem {
   enum class Access {
     kRead,       // a file, to read or flush. Does not wait for pipes
     kCreate,     // a file, to write from its start: made, or emptied. Follows no link
+    kAppend,     // a file that is there, to write on from its end. Follows no link
     kLock,       // a file, to lock and write: made if it is not there. Follows no link
     kDirectory,  // a directory, to flush
   };
@@ -38,7 +39,7 @@ class FileSystem {
   [[nodiscard]] virtual int64_t Size(int handle) = 0;
   /// How many bytes were read; 0 only at the end of the file.
   [[nodiscard]] virtual int64_t ReadAt(int handle, int64_t offset, std::span<std::byte> out) = 0;
-  /// Writes where the last write ended. How many bytes were written.
+  /// Writes where the last write ended (kAppend: the first at the end of the file). How many bytes were written.
   [[nodiscard]] virtual int64_t Write(int handle, std::span<const std::byte> bytes) = 0;
   /// Makes a file open to be locked 0 bytes long.
   [[nodiscard]] virtual int Empty(int handle) = 0;

@@ -106,6 +106,9 @@ int SimulatedDisk::Open(const std::string& path, Access access) {
     node.bytes.clear();
   }
   handles_[next_handle_] = {*place.node, path};
+  if (access == Access::kAppend) {
+    handles_[next_handle_].written = node.bytes.size();
+  }
   most_open_handles_ = std::max(most_open_handles_, handles_.size());
   return next_handle_++;
 }

@@ -1,0 +1,66 @@
+#ifndef ENGINE_STORE_FIELD_WRITER_H_
+#define ENGINE_STORE_FIELD_WRITER_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "engine/store/dataset.h"
+#include "engine/store/level_writer.h"
+#include "engine/volume/coefficient_set.h"
+
+namespace fovea::store {
+
+/// Writes one field of a step as its coefficients are made: levels by turns, each in layers of
+/// chunks (one z) from the first on. Memory is one layer a level, encoded. Made by
+/// DatasetWriter::BeginField, which must outlive it; after an error, or when it goes without
+/// Finish, the step in hand is gone.
+class FieldWriter {
+ public:
+  /// `on_end` is called once: with the statistics when all is written, or with nothing.
+  FieldWriter(const std::string& store_path, const DatasetInfo& info, std::string field,
+              EncoderPool* encoders, FileBatch* batch,
+              std::function<void(const FieldStats*)> on_end);
+  ~FieldWriter();
+  FieldWriter(const FieldWriter&) = delete;
+  FieldWriter& operator=(const FieldWriter&) = delete;
+
+  /// Of the coefficients: what `Add` takes.
+  [[nodiscard]] const std::string& type() const { return type_; }
+  /// Encodes the chunk at `at` of detail level `level`: [7][z][y][x] values of type(), as in
+  /// memory, zeros past the border; `largest` is their largest magnitude, above 0 (chunks of zeros
+  /// are left out). From any number of threads, for chunks of one layer. INVALID_ARGUMENT if
+  /// `largest` is not finite.
+  [[nodiscard]] Status Add(int level, const Int3& at, std::span<const std::byte> values,
+                           float largest);
+  /// All chunks of `level` at this z were added; ascending. Layers without any may be left out.
+  [[nodiscard]] Status EndLayer(int level, int64_t z);
+  /// The last call. INVALID_ARGUMENT if `coarse` is not LLL_0, or something is not finite.
+  [[nodiscard]] Status Finish(const Grid& coarse, const FieldStats& stats);
+
+ private:
+  [[nodiscard]] Status WriteCoarse(const Grid& coarse);
+  [[nodiscard]] Status FinishFiles(const Grid& coarse, const FieldStats& stats);
+
+  std::string store_path_, field_, type_;
+  int64_t step_;
+  Int3 coarse_dims_;
+  EncoderPool* encoders_;
+  FileBatch* batch_;
+  std::function<void(const FieldStats*)> on_end_;
+  std::vector<std::unique_ptr<LevelWriter>> levels_;
+};
+
+/// Writes coefficients that are in memory, all detail of a field: what DatasetWriter::WriteField
+/// does. `set` must fit the store.
+[[nodiscard]] Status AddAllDetail(const CoefficientSet& set, FieldWriter* writer);
+
+}  // namespace fovea::store
+
+#endif  // ENGINE_STORE_FIELD_WRITER_H_
