@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "engine/volume/geometry.h"
@@ -39,6 +40,10 @@ class BrickGrid {
   [[nodiscard]] const Brick* Find(const Int3& position) const;
   /// The brick at `position`, made of background if it was not there.
   Brick& Touch(const Int3& position);
+  /// Puts `brick`, of brick_values() values, at `position`, in the place of what was there.
+  void Put(const Int3& position, Brick brick) {
+    bricks_.insert_or_assign({position.z, position.y, position.x}, std::move(brick));
+  }
   /// Drops the brick at `position`, if it is there.
   void Erase(const Int3& position) { bricks_.erase({position.z, position.y, position.x}); }
 

@@ -1,0 +1,537 @@
+#include "engine/wavelet/forward_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <type_traits>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/wavelet/forward_kernels.cc"
+#include <hwy/foreach_target.h>  // IWYU pragma: keep
+// foreach_target.h must come first
+#include <hwy/highway.h>
+
+// A block is lifted along z, a row of children (even samples first, then the odd ones) at a time,
+// then slice by slice along y and x. Rows are padded to whole vectors, of at most kLanes values.
+
+#ifndef ENGINE_WAVELET_FORWARD_KERNELS_ONCE
+#define ENGINE_WAVELET_FORWARD_KERNELS_ONCE
+namespace fovea::wavelet::internal {
+namespace {
+
+constexpr int64_t kLanes = 16;
+
+constexpr int64_t Padded(int64_t count) {
+  return (count + kLanes - 1) / kLanes * kLanes;
+}
+
+/// The sizes of a block of a wavelet made of lifting steps.
+struct BlockSizes {
+  int64_t pairs;     // of an even and an odd child on an axis, margins included
+  int64_t children;  // twice as many
+  int64_t width;     // of a row in memory: evens, odds, padding
+  int64_t half;      // of a row of lifted evens or odds in memory
+};
+
+constexpr BlockSizes SizesOf(Wavelet wavelet, int64_t edge) {
+  const int64_t pairs = edge + 2 * MarginOf(wavelet);
+  return {pairs, 2 * pairs, Padded(2 * pairs), Padded(pairs)};
+}
+
+}  // namespace
+}  // namespace fovea::wavelet::internal
+#endif  // ENGINE_WAVELET_FORWARD_KERNELS_ONCE
+
+HWY_BEFORE_NAMESPACE();
+namespace fovea::wavelet::internal::HWY_NAMESPACE {
+namespace {
+namespace hn = hwy::HWY_NAMESPACE;
+
+template <typename Value>
+using Lanes = hn::CappedTag<Value, kLanes>;
+
+/// Calls body(d, i) so that vectors of d from i on cover [0, count); they may overlap.
+template <typename Value, typename Body>
+HWY_INLINE void ForCovering(int64_t count, const Body& body) {
+  const auto cover = [&](auto d) HWY_ATTR {
+    const auto n = static_cast<int64_t>(hn::Lanes(d));
+    if (count < n) {
+      return false;
+    }
+    for (int64_t i = 0; i + n <= count; i += n) {
+      body(d, i);
+    }
+    if (count % n != 0) {
+      body(d, count - n);
+    }
+    return true;
+  };
+  if (cover(Lanes<Value>()) || cover(hn::CappedTag<Value, 4>())) {
+    return;
+  }
+  const hn::CappedTag<Value, 1> d1;
+  for (int64_t i = 0; i < count; ++i) {
+    body(d1, i);
+  }
+}
+
+/// What magnitudes are compared as: floats by their bits, so that NaN is above infinity.
+template <class D, class V>
+HWY_INLINE auto Magnitude([[maybe_unused]] D d, V value) {
+  if constexpr (std::is_same_v<hn::TFromD<D>, float>) {
+    const hn::RebindToSigned<D> di;
+    return hn::And(hn::BitCast(di, value), hn::Set(di, 0x7fffffff));
+  } else {
+    return hn::Abs(value);
+  }
+}
+
+/// The largest of the magnitudes added, of coefficients of type Value.
+template <typename Value>
+class Largest {
+ public:
+  template <class D, class V>
+  HWY_INLINE void Add(D /*d*/, V magnitude) {
+    const hn::RebindToSigned<D> di;
+    hn::Store(hn::Max(hn::Load(di, most_), magnitude), di, most_);
+  }
+  [[nodiscard]] float Get() const {
+    const Bits most = *std::max_element(most_, most_ + kLanes);
+    if constexpr (std::is_same_v<Value, float>) {
+      float value;
+      hwy::CopySameSize(&most, &value);
+      return value;
+    } else {
+      return static_cast<float>(most);
+    }
+  }
+
+ private:
+  using Bits = hwy::MakeSigned<Value>;
+  alignas(64) Bits most_[kLanes] = {};
+};
+
+/// The lifting schemes (docs/theory.md): the forward steps, as sums of a target and its neighbours.
+/// Stages of two steps each: odds first.
+struct Cdf53Scheme {
+  static constexpr Wavelet kWavelet = Wavelet::kCdf53;
+  static constexpr int kStages = 1;
+  template <class D, class V>
+  static HWY_INLINE V Odd(D d, int /*stage*/, bool /*up*/, V odd, V before, V behind) {
+    return hn::Add(odd, hn::Mul(hn::Set(d, -0.5F), hn::Add(before, behind)));
+  }
+  template <class D, class V>
+  static HWY_INLINE V Even(D d, int /*stage*/, bool /*up*/, V even, V before, V behind) {
+    return hn::Add(even, hn::Mul(hn::Set(d, 0.25F), hn::Add(before, behind)));
+  }
+  static float Scale(bool /*high*/) { return 1; }
+};
+
+struct Cdf97Scheme {
+  static constexpr Wavelet kWavelet = Wavelet::kCdf97;
+  static constexpr int kStages = 2;
+  template <class D, class V>
+  static HWY_INLINE V Odd(D d, int stage, bool /*up*/, V odd, V before, V behind) {
+    const float c = stage == 0 ? -1.586134342059924F : 0.882911075530934F;
+    return hn::Add(odd, hn::Mul(hn::Set(d, c), hn::Add(before, behind)));
+  }
+  template <class D, class V>
+  static HWY_INLINE V Even(D d, int stage, bool /*up*/, V even, V before, V behind) {
+    const float c = stage == 0 ? -0.052980118572961F : 0.443506852043971F;
+    return hn::Add(even, hn::Mul(hn::Set(d, c), hn::Add(before, behind)));
+  }
+  /// Low-pass gain 1 at zero, high-pass gain 2 at the Nyquist frequency.
+  static float Scale(bool high) {
+    constexpr float kLowScale = 1.230174104914001F;
+    return high ? kLowScale : 1 / kLowScale;
+  }
+};
+
+/// Reversible: halves and quarters are rounded, up or down.
+struct IntegerCdf53Scheme {
+  static constexpr Wavelet kWavelet = Wavelet::kCdf53;
+  static constexpr int kStages = 1;
+  template <class D, class V>
+  static HWY_INLINE V Odd(D d, int /*stage*/, bool up, V odd, V before, V behind) {
+    const V sum = hn::Add(before, behind);
+    return hn::Sub(odd, hn::ShiftRight<1>(hn::Add(sum, hn::Set(d, up ? 1 : 0))));
+  }
+  template <class D, class V>
+  static HWY_INLINE V Even(D d, int /*stage*/, bool up, V even, V before, V behind) {
+    const V sum = hn::Add(before, behind);
+    return hn::Add(even, hn::ShiftRight<2>(hn::Add(sum, hn::Set(d, up ? 1 : 2))));
+  }
+};
+
+/// Stage `kStage` on a stream of pairs: takes pair k and gives pair k - 1 lifted.
+template <class Scheme, int kStage, class D>
+class Stage {
+ public:
+  using V = hn::Vec<D>;
+  HWY_INLINE Stage(D d, V even, V odd) : even_(even), odd_(odd), before_(hn::Zero(d)) {}
+  HWY_INLINE void Feed(D d, bool up, V& even, V& odd) {
+    const V lifted = Scheme::Odd(d, kStage, up, odd_, even_, even);
+    const V low = Scheme::Even(d, kStage, up, even_, before_, lifted);
+    even_ = even;
+    odd_ = odd;
+    before_ = lifted;
+    even = low;
+    odd = lifted;
+  }
+
+ private:
+  V even_, odd_, before_;
+};
+
+/// Lifts a column of vectors: `load(k, even, odd)` gives pair k of `pairs`, `store(k, low, high)`
+/// takes what becomes of pair `margin` + k.
+template <class Scheme, class D, class Load, class Store>
+HWY_INLINE void LiftColumn(D d, bool up, int64_t pairs, const Load& load, const Store& store) {
+  using V = hn::Vec<D>;
+  V even, odd;
+  load(0, even, odd);
+  Stage<Scheme, 0, D> first(d, even, odd);
+  if constexpr (Scheme::kStages == 1) {
+    load(1, even, odd);
+    first.Feed(d, up, even, odd);
+    for (int64_t k = 0; k + 2 < pairs; ++k) {
+      load(k + 2, even, odd);
+      first.Feed(d, up, even, odd);
+      store(k, even, odd);
+    }
+  } else {
+    load(1, even, odd);
+    first.Feed(d, up, even, odd);
+    Stage<Scheme, 1, D> second(d, even, odd);
+    for (int64_t k = 2; k < 4; ++k) {
+      load(k, even, odd);
+      first.Feed(d, up, even, odd);
+      second.Feed(d, up, even, odd);
+    }
+    for (int64_t k = 0; k + 4 < pairs; ++k) {
+      load(k + 4, even, odd);
+      first.Feed(d, up, even, odd);
+      second.Feed(d, up, even, odd);
+      store(k, even, odd);
+    }
+  }
+}
+
+/// `children` rows of `width` values, from row to row `stride` apart, lifted to `edge` low rows and
+/// as many high ones.
+template <class Scheme, typename Value>
+HWY_INLINE void LiftRows(const BlockSizes& sizes, int64_t edge, bool lift, bool up,
+                         const Value* rows, int64_t stride, Value* low, Value* high,
+                         int64_t out_stride) {
+  const Lanes<Value> d;
+  const int64_t margin = MarginOf(Scheme::kWavelet);
+  for (int64_t x = 0; x < sizes.width; x += static_cast<int64_t>(hn::Lanes(d))) {
+    const auto load = [&](int64_t k, auto& even, auto& odd) HWY_ATTR {
+      even = hn::Load(d, rows + 2 * k * stride + x);
+      odd = hn::Load(d, rows + (2 * k + 1) * stride + x);
+    };
+    const auto store = [&](int64_t k, auto even, auto odd) HWY_ATTR {
+      hn::Store(even, d, low + k * out_stride + x);
+      hn::Store(odd, d, high + k * out_stride + x);
+    };
+    if (lift) {
+      LiftColumn<Scheme>(d, up, sizes.pairs, load, store);
+    } else {
+      for (int64_t k = 0; k < edge; ++k) {
+        hn::Vec<decltype(d)> even, odd;
+        load(margin + k, even, odd);
+        store(k, even, odd);
+      }
+    }
+  }
+}
+
+template <class Scheme, typename Value>
+class LiftedBlock {
+ public:
+  LiftedBlock(const BlockInput<Value>& in, Value* work, Value* low, Value* detail)
+      : in_(in),
+        edge_(in.edge),
+        sizes_(SizesOf(Scheme::kWavelet, in.edge)),
+        low_(low),
+        detail_(detail),
+        block_(work),
+        rows_(block_ + 2 * edge_ * sizes_.children * sizes_.width),
+        odds_(rows_ + sizes_.children * sizes_.width),
+        evens_(odds_ + 2 * edge_ * sizes_.half) {}
+
+  float Transform() {
+    const int64_t slice = sizes_.children * sizes_.width;
+    for (int64_t y = 0; y < sizes_.children; ++y) {
+      LoadRows(y);
+      Value* const to = block_ + y * sizes_.width;
+      LiftRows<Scheme>(sizes_, edge_, in_.lift[2], in_.up[2], rows_, sizes_.width, to,
+                       to + edge_ * slice, slice);
+    }
+    for (int64_t z = 0; z < 2 * edge_; ++z) {
+      LiftRows<Scheme>(sizes_, edge_, in_.lift[1], in_.up[1], block_ + z * slice, sizes_.width,
+                       rows_, rows_ + edge_ * sizes_.width, sizes_.width);
+      LiftAlongX(z % edge_, z >= edge_);
+    }
+    return largest_.Get();
+  }
+
+ private:
+  /// Row y of all slices, evens and odds apart.
+  HWY_INLINE void LoadRows(int64_t y) {
+    for (int64_t z = 0; z < sizes_.children; ++z) {
+      const Value* const from = in_.slices[z] + in_.rows[y];
+      Value* const to = rows_ + z * sizes_.width;
+      ForCovering<Value>(sizes_.pairs, [&](auto d, int64_t i) HWY_ATTR {
+        hn::Vec<decltype(d)> even, odd;
+        hn::LoadInterleaved2(d, from + 2 * i, even, odd);
+        hn::StoreU(even, d, to + i);
+        hn::StoreU(odd, d, to + sizes_.pairs + i);
+      });
+    }
+  }
+
+  /// The rows of a slice: low ones in y, then high ones.
+  HWY_INLINE void LiftAlongX(int64_t z, bool z_is_high) {
+    const int64_t margin = MarginOf(Scheme::kWavelet);
+    const bool up = in_.up[0];
+    if (in_.lift[0] && Scheme::kStages == 2) {
+      FirstStage(up);
+    }
+    constexpr int kLast = Scheme::kStages - 1;
+    for (int64_t row = 0; row < 2 * edge_; ++row) {
+      const Value *even, *odd;
+      if (in_.lift[0] && kLast == 1) {
+        even = evens_ + row * sizes_.half + margin;
+        odd = odds_ + row * sizes_.half + margin;
+      } else {
+        even = rows_ + row * sizes_.width + margin;
+        odd = even + sizes_.pairs;
+      }
+      const int band = (row >= edge_ ? 2 : 0) + (z_is_high ? 4 : 0);
+      const int64_t at = (z * edge_ + row % edge_) * edge_;
+      Value* const to_low = Band(band) + at;
+      Value* const to_high = Band(band + 1) + at;
+      const float low_scale = ScaleOf(band), high_scale = ScaleOf(band + 1);
+      ForCovering<Value>(edge_, [&](auto d, int64_t i) HWY_ATTR {
+        auto low = hn::LoadU(d, even + i);
+        auto high = hn::LoadU(d, odd + i);
+        if (in_.lift[0]) {
+          const auto even_before = hn::LoadU(d, even + i - 1),
+                     odd_before = hn::LoadU(d, odd + i - 1);
+          const auto before = Scheme::Odd(d, kLast, up, odd_before, even_before, low);
+          high = Scheme::Odd(d, kLast, up, high, low, hn::LoadU(d, even + i + 1));
+          low = Scheme::Even(d, kLast, up, low, before, high);
+        }
+        if constexpr (Scheme::kWavelet == Wavelet::kCdf97) {
+          low = hn::Mul(low, hn::Set(d, low_scale));
+          high = hn::Mul(high, hn::Set(d, high_scale));
+        }
+        hn::StoreU(low, d, to_low + i);
+        hn::StoreU(high, d, to_high + i);
+        auto most = Magnitude(d, high);
+        if (band != 0) {
+          most = hn::Max(most, Magnitude(d, low));
+        }
+        largest_.Add(d, most);
+      });
+    }
+  }
+
+  /// The first of two stages, for all pairs that the second one needs.
+  HWY_INLINE void FirstStage(bool up) {
+    for (int64_t row = 0; row < 2 * edge_; ++row) {
+      const Value* const even = rows_ + row * sizes_.width;
+      const Value* const odd = even + sizes_.pairs;
+      Value* const to_even = evens_ + row * sizes_.half;
+      Value* const to_odd = odds_ + row * sizes_.half;
+      // Pairs 1 to edge + 2.
+      ForCovering<Value>(edge_ + 2, [&](auto d, int64_t i) HWY_ATTR {
+        const auto e0 = hn::LoadU(d, even + i), e1 = hn::LoadU(d, even + i + 1);
+        const auto before = Scheme::Odd(d, 0, up, hn::LoadU(d, odd + i), e0, e1);
+        const auto lifted =
+            Scheme::Odd(d, 0, up, hn::LoadU(d, odd + i + 1), e1, hn::LoadU(d, even + i + 2));
+        hn::StoreU(lifted, d, to_odd + i + 1);
+        hn::StoreU(Scheme::Even(d, 0, up, e1, before, lifted), d, to_even + i + 1);
+      });
+    }
+  }
+
+  [[nodiscard]] Value* Band(int band) const {
+    return band == 0 ? low_ : detail_ + (band - 1) * edge_ * edge_ * edge_;
+  }
+
+  [[nodiscard]] float ScaleOf(int band) const {
+    float product = 1;
+    if constexpr (Scheme::kWavelet == Wavelet::kCdf97) {
+      for (int axis = 0; axis < 3; ++axis) {
+        product *= in_.lift[axis] ? Scheme::Scale(((band >> axis) & 1) != 0) : 1.0F;
+      }
+    }
+    return product;
+  }
+
+  const BlockInput<Value>& in_;
+  const int64_t edge_;
+  const BlockSizes sizes_;
+  Value* const low_;
+  Value* const detail_;
+  Value* const block_;                // [2 edge: low in z, then high][children][width]
+  Value* const rows_;                 // [children][width]
+  Value *const odds_, *const evens_;  // [2 edge][half]: after the first stage along x
+  Largest<Value> largest_;
+};
+
+/// Haar in floats: sums and differences over 8.
+struct HaarScheme {
+  template <class D, class V>
+  static HWY_INLINE void Transform(D d, const std::array<bool, 3>& /*up*/, V (&p)[4], V (&q)[4],
+                                   V (&bands)[8]) {
+    const auto eighth = hn::Set(d, 0.125F);
+    V low[4], high[4];
+    for (int row = 0; row < 4; ++row) {
+      low[row] = hn::Add(p[row], q[row]);
+      high[row] = hn::Sub(p[row], q[row]);
+    }
+    for (int x = 0; x < 2; ++x) {
+      const V* const v = x == 0 ? low : high;
+      const V a0 = hn::Add(v[0], v[1]), y0 = hn::Sub(v[0], v[1]);
+      const V a1 = hn::Add(v[2], v[3]), y1 = hn::Sub(v[2], v[3]);
+      bands[x] = hn::Mul(hn::Add(a0, a1), eighth);
+      bands[x + 2] = hn::Mul(hn::Add(y0, y1), eighth);
+      bands[x + 4] = hn::Mul(hn::Sub(a0, a1), eighth);
+      bands[x + 6] = hn::Mul(hn::Sub(y0, y1), eighth);
+    }
+  }
+};
+
+/// Reversible Haar: d = p - q, low = p - d/2, rounded; z first, then y, then x.
+struct IntegerHaarScheme {
+  template <class D, class V>
+  static HWY_INLINE void Transform(D d, const std::array<bool, 3>& up, V (&p)[4], V (&q)[4],
+                                   V (&bands)[8]) {
+    const auto pair = [&](int axis, V a, V b, V& low, V& high) HWY_ATTR {
+      high = hn::Sub(a, b);
+      low = hn::Sub(a, hn::ShiftRight<1>(hn::Add(high, hn::Set(d, up[axis] ? 0 : 1))));
+    };
+    V column[2][4];  // [x][bit 0 high in y, bit 1 in z]
+    for (int x = 0; x < 2; ++x) {
+      V(&row)[4] = x == 0 ? p : q;
+      V low[2], high[2];
+      pair(2, row[0], row[2], low[0], high[0]);
+      pair(2, row[1], row[3], low[1], high[1]);
+      pair(1, low[0], low[1], column[x][0], column[x][1]);
+      pair(1, high[0], high[1], column[x][2], column[x][3]);
+    }
+    for (int yz = 0; yz < 4; ++yz) {
+      pair(0, column[0][yz], column[1][yz], bands[2 * yz], bands[2 * yz + 1]);
+    }
+  }
+};
+
+template <class Scheme, typename Value>
+float TransformHaarBlock(const BlockInput<Value>& in, Value* low, Value* detail) {
+  const int64_t edge = in.edge;
+  const int64_t cube = edge * edge * edge;
+  Largest<Value> largest;
+  for (int64_t z = 0; z < edge; ++z) {
+    for (int64_t y = 0; y < edge; ++y) {
+      const Value* rows[4];
+      for (int row = 0; row < 4; ++row) {
+        rows[row] = in.slices[2 * z + row / 2] + in.rows[2 * y + row % 2];
+      }
+      const int64_t at = (z * edge + y) * edge;
+      ForCovering<Value>(edge, [&](auto d, int64_t i) HWY_ATTR {
+        hn::Vec<decltype(d)> p[4], q[4], bands[8];
+        for (int row = 0; row < 4; ++row) {
+          hn::LoadInterleaved2(d, rows[row] + 2 * i, p[row], q[row]);
+        }
+        Scheme::Transform(d, in.up, p, q, bands);
+        hn::StoreU(bands[0], d, low + at + i);
+        auto most = Magnitude(d, bands[1]);
+        hn::StoreU(bands[1], d, detail + at + i);
+        for (int band = 2; band < 8; ++band) {
+          hn::StoreU(bands[band], d, detail + (band - 1) * cube + at + i);
+          most = hn::Max(most, Magnitude(d, bands[band]));
+        }
+        largest.Add(d, most);
+      });
+    }
+  }
+  return largest.Get();
+}
+
+float FloatKernel(Wavelet wavelet, const BlockInput<float>& in, float* work, float* low,
+                  float* detail) {
+  switch (wavelet) {
+    case Wavelet::kHaar:
+      return TransformHaarBlock<HaarScheme>(in, low, detail);
+    case Wavelet::kCdf53:
+      return LiftedBlock<Cdf53Scheme, float>(in, work, low, detail).Transform();
+    case Wavelet::kCdf97:
+      break;
+  }
+  return LiftedBlock<Cdf97Scheme, float>(in, work, low, detail).Transform();
+}
+
+template <typename Value>
+float IntegerBlock(Wavelet wavelet, const BlockInput<Value>& in, Value* work, Value* low,
+                   Value* detail) {
+  return wavelet == Wavelet::kHaar
+             ? TransformHaarBlock<IntegerHaarScheme>(in, low, detail)
+             : LiftedBlock<IntegerCdf53Scheme, Value>(in, work, low, detail).Transform();
+}
+
+float ShortKernel(Wavelet wavelet, const BlockInput<int16_t>& in, int16_t* work, int16_t* low,
+                  int16_t* detail) {
+  return IntegerBlock(wavelet, in, work, low, detail);
+}
+
+float LongKernel(Wavelet wavelet, const BlockInput<int32_t>& in, int32_t* work, int32_t* low,
+                 int32_t* detail) {
+  return IntegerBlock(wavelet, in, work, low, detail);
+}
+
+}  // namespace
+}  // namespace fovea::wavelet::internal::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace fovea::wavelet::internal {
+
+HWY_EXPORT(FloatKernel);
+HWY_EXPORT(ShortKernel);
+HWY_EXPORT(LongKernel);
+
+template <typename Value>
+size_t WorkCells(Wavelet wavelet, int64_t edge) {
+  const BlockSizes sizes = SizesOf(wavelet, edge);
+  return wavelet == Wavelet::kHaar
+             ? 0
+             : static_cast<size_t>((2 * edge + 1) * sizes.children * sizes.width +
+                                   4 * edge * sizes.half + kLanes);
+}
+
+template <>
+float TransformBlock(Wavelet wavelet, const BlockInput<float>& in, float* work, float* low,
+                     float* detail) {
+  return HWY_DYNAMIC_DISPATCH(FloatKernel)(wavelet, in, work, low, detail);
+}
+
+template <>
+float TransformBlock(Wavelet wavelet, const BlockInput<int16_t>& in, int16_t* work, int16_t* low,
+                     int16_t* detail) {
+  return HWY_DYNAMIC_DISPATCH(ShortKernel)(wavelet, in, work, low, detail);
+}
+
+template <>
+float TransformBlock(Wavelet wavelet, const BlockInput<int32_t>& in, int32_t* work, int32_t* low,
+                     int32_t* detail) {
+  return HWY_DYNAMIC_DISPATCH(LongKernel)(wavelet, in, work, low, detail);
+}
+
+template size_t WorkCells<float>(Wavelet, int64_t);
+template size_t WorkCells<int16_t>(Wavelet, int64_t);
+template size_t WorkCells<int32_t>(Wavelet, int64_t);
+
+}  // namespace fovea::wavelet::internal
+#endif  // HWY_ONCE

@@ -1,0 +1,326 @@
+#include "engine/wavelet/forward_source.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <type_traits>
+
+#include "engine/wavelet/forward_stream.h"
+
+namespace fovea::wavelet::internal {
+namespace {
+
+template <typename Value>
+hwy::AlignedFreeUniquePtr<Value[]> Zeros(size_t count) {
+  auto cells = hwy::AllocateAligned<Value>(std::max<size_t>(count, 1));
+  std::fill_n(cells.get(), std::max<size_t>(count, 1), Value{0});
+  return cells;
+}
+
+/// How many children a block has on an axis.
+int64_t ChildrenOf(const LevelShape& shape) {
+  return 2 * (shape.edge + 2 * MarginOf(shape.wavelet));
+}
+
+int64_t FirstChild(const LevelShape& shape, int64_t brick) {
+  return 2 * (brick * shape.edge - MarginOf(shape.wavelet));
+}
+
+/// The sample that position `at` of an axis of n samples stands for: continued as the wavelet asks,
+/// mirrored about the first and the last, or (Haar) the nearest. Far outside, where no coefficient
+/// depends on it, some sample of the block that starts at `first`.
+int64_t Continued(Wavelet wavelet, int64_t at, int64_t n, int64_t first) {
+  if (at >= 0 && at < n) {
+    return at;
+  }
+  if (wavelet == Wavelet::kHaar || n == 1) {
+    return std::clamp<int64_t>(at, 0, n - 1);
+  }
+  const int64_t period = 2 * (n - 1);
+  const int64_t in_period = ((at % period) + period) % period;
+  return std::max({in_period < n ? in_period : period - in_period, first, int64_t{0}});
+}
+
+template <typename Value>
+void PlaceBlock(const LevelShape& shape, const Int3& at, Block<Value>* block) {
+  const int64_t children = ChildrenOf(shape);
+  for (int axis = 0; axis < 3; ++axis) {
+    const int64_t first = FirstChild(shape, at[axis]);
+    const int64_t n = shape.dims[axis];
+    for (int64_t i = 0; i < children; ++i) {
+      block->samples[axis][static_cast<size_t>(i)] = Continued(shape.wavelet, first + i, n, first);
+    }
+    block->input.lift[static_cast<size_t>(axis)] = n > 1;
+  }
+}
+
+/// The children of a block along x that lie inside the level: [lo, hi), counted from its first.
+struct Span {
+  int64_t lo = 0, hi = 0;
+};
+
+Span InsideOf(const LevelShape& shape, int64_t brick) {
+  const int64_t first = FirstChild(shape, brick);
+  return {std::max<int64_t>(0, -first), std::min(ChildrenOf(shape), shape.dims.x - first)};
+}
+
+/// Copies `count` values; false if one is not a whole number that Value may have.
+template <typename Value, typename From>
+bool Convert(const From* from, int64_t count, float bias, Value* to) {
+  if constexpr (std::is_same_v<Value, From>) {
+    if (bias == 0) {
+      std::memcpy(to, from, static_cast<size_t>(count) * sizeof(Value));
+      return true;
+    }
+  }
+  if constexpr (std::is_same_v<Value, float>) {
+    for (int64_t i = 0; i < count; ++i) {
+      to[i] = static_cast<float>(from[i]) - bias;
+    }
+    return true;
+  } else {
+    constexpr int32_t kMost = sizeof(Value) == 2 ? kMostShortVoxel : kMostVoxel;
+    bool good = true;
+    for (int64_t i = 0; i < count; ++i) {
+      if constexpr (std::is_same_v<From, float>) {
+        const bool fits = from[i] >= -static_cast<float>(kMost) && from[i] <= kMost;
+        to[i] = static_cast<Value>(fits ? from[i] : 0.0F);
+        good &= fits && static_cast<float>(to[i]) == from[i];
+      } else {
+        if constexpr (std::numeric_limits<From>::max() > kMost) {
+          good &= from[i] >= -kMost && from[i] <= kMost;
+        }
+        to[i] = static_cast<Value>(from[i]);
+      }
+    }
+    return good;
+  }
+}
+
+/// The children outside the level along x, from those inside.
+template <typename Value>
+void ContinueRow(const std::vector<int64_t>& samples, const Span& inside, int64_t first,
+                 Value* row) {
+  for (int64_t i = 0; i < inside.lo; ++i) {
+    row[i] = row[samples[static_cast<size_t>(i)] - first];
+  }
+  for (int64_t i = inside.hi; i < std::ssize(samples); ++i) {
+    row[i] = row[samples[static_cast<size_t>(i)] - first];
+  }
+}
+
+/// Lets the block's slices and rows be those of its own memory.
+template <typename Value>
+void UseOwnChildren(int64_t children, Block<Value>* block) {
+  for (int64_t i = 0; i < children; ++i) {
+    block->slices[static_cast<size_t>(i)] = block->children.get() + i * children * children;
+    block->rows[static_cast<size_t>(i)] = i * children;
+  }
+}
+
+}  // namespace
+
+template <typename Value>
+Block<Value>::Block(const LevelShape& shape) {
+  const auto count = static_cast<size_t>(ChildrenOf(shape));
+  const auto cube = static_cast<size_t>(shape.edge * shape.edge * shape.edge);
+  slices.resize(count);
+  rows.resize(count);
+  samples.fill(std::vector<int64_t>(count));
+  children = Zeros<Value>(count * count * count);
+  work = Zeros<Value>(WorkCells<Value>(shape.wavelet, shape.edge));
+  low = Zeros<Value>(cube);
+  detail = Zeros<Value>(7 * cube);
+  input.slices = slices.data();
+  input.rows = rows.data();
+  input.edge = shape.edge;
+}
+
+template <typename Value, typename From>
+void DenseSource<Value, From>::Add(std::span<const From> slices,
+                                   std::shared_ptr<const void> owner) {
+  const int64_t count = std::ssize(slices) / (shape_.dims.x * shape_.dims.y);
+  slabs_.push_back({available_, available_ + count, slices.data(), std::move(owner)});
+  available_ += count;
+}
+
+template <typename Value, typename From>
+std::vector<std::array<int64_t, 2>> DenseSource<Value, From>::Parents(int64_t /*z*/) const {
+  const auto bricks = [&](int64_t n) { return ((n + 1) / 2 + shape_.edge - 1) / shape_.edge; };
+  std::vector<std::array<int64_t, 2>> parents;
+  for (int64_t y = 0; y < bricks(shape_.dims.y); ++y) {
+    for (int64_t x = 0; x < bricks(shape_.dims.x); ++x) {
+      parents.push_back({y, x});
+    }
+  }
+  return parents;
+}
+
+template <typename Value, typename From>
+const From* DenseSource<Value, From>::Slice(int64_t z) const {
+  const auto slab = std::find_if(slabs_.begin(), slabs_.end(),
+                                 [&](const Slab& of) { return z >= of.first && z < of.last; });
+  return slab->values + (z - slab->first) * shape_.dims.x * shape_.dims.y;
+}
+
+template <typename Value, typename From>
+bool DenseSource<Value, From>::Fetch(const Int3& at, Block<Value>* block) const {
+  PlaceBlock(shape_, at, block);
+  const int64_t children = ChildrenOf(shape_);
+  const int64_t first = FirstChild(shape_, at.x);
+  const Span inside = InsideOf(shape_, at.x);
+  const auto& [xs, ys, zs] = block->samples;
+  if constexpr (std::is_same_v<Value, From>) {
+    if (shape_.bias == 0 && inside.lo == 0 && inside.hi == children) {
+      for (size_t i = 0; i < static_cast<size_t>(children); ++i) {
+        block->slices[i] = Slice(zs[i]) + first;
+        block->rows[i] = ys[i] * shape_.dims.x;
+      }
+      return true;
+    }
+  }
+  UseOwnChildren(children, block);
+  Value* row = block->children.get();
+  bool good = true;
+  for (const int64_t z : zs) {
+    const From* const slice = Slice(z);
+    for (const int64_t y : ys) {
+      const From* const from = slice + y * shape_.dims.x + first + inside.lo;
+      good &= Convert(from, inside.hi - inside.lo, shape_.bias, row + inside.lo);
+      ContinueRow(xs, inside, first, row);
+      row += children;
+    }
+  }
+  return good;
+}
+
+template <typename Value, typename From>
+void DenseSource<Value, From>::Release(int64_t slice) {
+  while (!slabs_.empty() && slabs_.front().last <= slice) {
+    slabs_.pop_front();
+  }
+}
+
+template <typename Value, typename From>
+BrickSource<Value, From>::BrickSource(const LevelShape& shape)
+    : shape_(shape),
+      absent_(static_cast<size_t>(shape.edge * shape.edge * shape.edge),
+              static_cast<From>(shape.fill + shape.bias)) {}
+
+template <typename Value, typename From>
+void BrickSource<Value, From>::Add(std::vector<BrickAt<From>> bricks,
+                                   std::shared_ptr<const void> owner) {
+  layers_.push_back({std::move(bricks), std::move(owner)});
+}
+
+template <typename Value, typename From>
+int64_t BrickSource<Value, From>::available() const {
+  return std::min((first_layer_ + std::ssize(layers_)) * shape_.edge, shape_.dims.z);
+}
+
+template <typename Value, typename From>
+std::vector<std::array<int64_t, 2>> BrickSource<Value, From>::Parents(int64_t z) const {
+  const int64_t around = MarginOf(shape_.wavelet) > 0 ? 1 : 0;
+  const auto last = [&](int64_t n) { return ((n + 1) / 2 - 1) / shape_.edge; };
+  std::vector<std::array<int64_t, 2>> parents;
+  const int64_t end = std::min(2 * z + 2 + around, first_layer_ + std::ssize(layers_));
+  for (int64_t layer = std::max(2 * z - around, first_layer_); layer < end; ++layer) {
+    for (const BrickAt<From>& brick : layers_[static_cast<size_t>(layer - first_layer_)].bricks) {
+      const auto [by, bx] = brick.at;
+      for (int64_t y = std::max<int64_t>(by - around, 0) / 2;
+           y <= std::min((by + around) / 2, last(shape_.dims.y)); ++y) {
+        for (int64_t x = std::max<int64_t>(bx - around, 0) / 2;
+             x <= std::min((bx + around) / 2, last(shape_.dims.x)); ++x) {
+          parents.push_back({y, x});
+        }
+      }
+    }
+  }
+  std::sort(parents.begin(), parents.end());
+  parents.erase(std::unique(parents.begin(), parents.end()), parents.end());
+  return parents;
+}
+
+template <typename Value, typename From>
+typename BrickSource<Value, From>::Neighbours BrickSource<Value, From>::Find(int64_t z, int64_t y,
+                                                                             int64_t first) const {
+  Neighbours found;
+  found.fill(absent_.data());
+  if (z < first_layer_ || z >= first_layer_ + std::ssize(layers_)) {
+    return found;
+  }
+  const std::vector<BrickAt<From>>& bricks = layers_[static_cast<size_t>(z - first_layer_)].bricks;
+  auto brick = std::lower_bound(
+      bricks.begin(), bricks.end(), std::array<int64_t, 2>{y, first},
+      [](const BrickAt<From>& a, const std::array<int64_t, 2>& b) { return a.at < b; });
+  for (; brick != bricks.end() && brick->at[0] == y && brick->at[1] < first + kAround; ++brick) {
+    found[static_cast<size_t>(brick->at[1] - first)] = brick->values;
+  }
+  return found;
+}
+
+template <typename Value, typename From>
+bool BrickSource<Value, From>::Fetch(const Int3& at, Block<Value>* block) const {
+  PlaceBlock(shape_, at, block);
+  const int64_t children = ChildrenOf(shape_);
+  UseOwnChildren(children, block);
+  const int64_t edge = shape_.edge;
+  const Int3 corner{2 * at.x - 1, 2 * at.y - 1, 2 * at.z - 1};  // the first brick that may be met
+  std::array<std::array<Neighbours, kAround>, kAround> around;
+  for (int z = 0; z < kAround; ++z) {
+    for (int y = 0; y < kAround; ++y) {
+      around[z][y] = Find(corner.z + z, corner.y + y, corner.x);
+    }
+  }
+  const int64_t first = FirstChild(shape_, at.x);
+  const Span inside = InsideOf(shape_, at.x);
+  const auto& [xs, ys, zs] = block->samples;
+  Value* row = block->children.get();
+  bool good = true;
+  for (const int64_t z : zs) {
+    for (const int64_t y : ys) {
+      const Neighbours& near = around[z / edge - corner.z][y / edge - corner.y];
+      const int64_t in_brick = (z % edge * edge + y % edge) * edge;
+      for (int64_t i = inside.lo; i < inside.hi;) {
+        const int64_t x = first + i;
+        const int64_t count = std::min(edge - x % edge, inside.hi - i);
+        good &= Convert(near[static_cast<size_t>(x / edge - corner.x)] + in_brick + x % edge, count,
+                        shape_.bias, row + i);
+        i += count;
+      }
+      ContinueRow(xs, inside, first, row);
+      row += children;
+    }
+  }
+  return good;
+}
+
+template <typename Value, typename From>
+void BrickSource<Value, From>::Release(int64_t slice) {
+  while (!layers_.empty() && (first_layer_ + 1) * shape_.edge <= slice) {
+    layers_.pop_front();
+    ++first_layer_;
+  }
+}
+
+template struct Block<float>;
+template struct Block<int16_t>;
+template struct Block<int32_t>;
+template class BrickSource<float, float>;
+template class BrickSource<int16_t, float>;
+template class BrickSource<int16_t, int16_t>;
+template class BrickSource<int32_t, float>;
+template class BrickSource<int32_t, int32_t>;
+#define FOVEA_DENSE_SOURCES(Value)             \
+  template class DenseSource<Value, uint8_t>;  \
+  template class DenseSource<Value, int8_t>;   \
+  template class DenseSource<Value, uint16_t>; \
+  template class DenseSource<Value, int16_t>;  \
+  template class DenseSource<Value, float>
+FOVEA_DENSE_SOURCES(float);
+FOVEA_DENSE_SOURCES(int16_t);
+FOVEA_DENSE_SOURCES(int32_t);
+#undef FOVEA_DENSE_SOURCES
+
+}  // namespace fovea::wavelet::internal
