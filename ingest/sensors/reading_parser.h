@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -24,6 +25,10 @@ struct ReadingBlock {
     values.clear();
   }
 };
+
+/// Seconds: a number, times `unit_s`, or an ISO 8601 date and time, 2020-02-07T13:00:00.5Z (a
+/// space for the T; +01:00 for the Z, which may be left out), in seconds since 1970-01-01 UTC.
+[[nodiscard]] std::optional<double> ParseTime(std::string_view text, double unit_s);
 
 enum class ReadingFormat {
   kCsv,        // lines of fields between commas, semicolons or tabs

@@ -257,13 +257,6 @@ std::optional<double> ParseReal(std::string_view text) {
   return std::nullopt;
 }
 
-std::optional<double> ParseTime(std::string_view text, double unit_s) {
-  if (const std::optional<double> number = ParseReal(text)) {
-    return *number * unit_s;
-  }
-  return ParseIsoTime(Trim(text));
-}
-
 StatusOr<Places> FindPlaces(const ReadingColumns& wanted, std::span<const std::string> names) {
   Places places;
   std::vector<bool> taken(names.size());
@@ -352,4 +345,12 @@ Status CountBadLine(const std::string& file, int64_t line, const Status& problem
 }
 
 }  // namespace internal
+
+std::optional<double> ParseTime(std::string_view text, double unit_s) {
+  if (const std::optional<double> number = internal::ParseReal(text)) {
+    return *number * unit_s;
+  }
+  return internal::ParseIsoTime(internal::Trim(text));
+}
+
 }  // namespace fovea::ingest

@@ -24,10 +24,6 @@ inline constexpr size_t kMostLineBytes = size_t{1} << 20;
 /// none (in any case) are NaN: no value was measured. Nothing for any other text.
 [[nodiscard]] std::optional<double> ParseReal(std::string_view text);
 
-/// Seconds: a number, times `unit_s`, or an ISO 8601 date and time, 2020-02-07T13:00:00.5Z (a
-/// space for the T; +01:00 for the Z, which may be left out), in seconds since 1970-01-01 UTC.
-[[nodiscard]] std::optional<double> ParseTime(std::string_view text, double unit_s);
-
 /// What a text in a line is for.
 enum class Role { kTime, kX, kY, kZ, kStep };
 inline constexpr int kRoles = 5;

@@ -10,6 +10,7 @@
 #include "engine/base/status.h"
 #include "engine/volume/geometry.h"
 #include "ingest/ingest.h"
+#include "ingest/sensors/sensor_ingest.h"
 #include "service/cli/values.h"
 #include "service/frames/plan.h"
 #include "service/frames/spec.h"
@@ -36,6 +37,11 @@ struct PictureInput {
 struct IngestCommand {
   OutputOptions output;
   ingest::IngestOptions ingest;
+};
+
+struct SensorsCommand {
+  OutputOptions output;
+  ingest::SensorOptions ingest;
 };
 
 struct InfoCommand {
@@ -122,9 +128,9 @@ struct DemoCommand {
   int threads = 0;
 };
 
-using Command = std::variant<IngestCommand, InfoCommand, StatsCommand, VerifyCommand,
-                             ExtractCommand, PlanCommand, RenderCommand, ExportCommand,
-                             BenchCommand, ServeCommand, DemoCommand>;
+using Command = std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand,
+                             VerifyCommand, ExtractCommand, PlanCommand, RenderCommand,
+                             ExportCommand, BenchCommand, ServeCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -137,6 +143,7 @@ struct ParseResult {
 [[nodiscard]] ParseResult ParseCommandLine(const std::vector<std::string>& arguments);
 
 [[nodiscard]] Status Run(const IngestCommand& command);
+[[nodiscard]] Status Run(const SensorsCommand& command);
 [[nodiscard]] Status Run(const InfoCommand& command);
 [[nodiscard]] Status Run(const StatsCommand& command);
 [[nodiscard]] Status Run(const VerifyCommand& command);

@@ -160,7 +160,8 @@ Progress::~Progress() {
 }
 
 std::string Progress::Line(int64_t done, int64_t total, std::string_view now) const {
-  std::string line = fmt::format("{}: {} of {} {}", what_, done, total, unit_);
+  std::string line = total < 0 ? fmt::format("{}: {} {}", what_, done, unit_)
+                               : fmt::format("{}: {} of {} {}", what_, done, total, unit_);
   const double seconds = since_start_.ElapsedMs() / 1000;
   const int64_t counted = done - first_done_;
   if (counted > 0 && seconds > 0) {

@@ -49,6 +49,7 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
+  /// `total` below 0: unknown.
   void Update(int64_t done, int64_t total, std::string_view now = "");
 
  private:

@@ -92,6 +92,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
       "`fovea VERB --help` explains each verb. Exit status: 0 done, 1 failed, 2 wrong usage.");
   std::vector<Verb> verbs;
   Offer(AddIngest, &app, &verbs);
+  Offer(AddSensors, &app, &verbs);
   Offer(AddInfo, &app, &verbs);
   Offer(AddStats, &app, &verbs);
   Offer(AddVerify, &app, &verbs);

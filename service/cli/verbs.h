@@ -14,6 +14,7 @@ class App;
 namespace fovea::cli {
 
 CLI::App* AddIngest(CLI::App* app, IngestCommand* command);
+CLI::App* AddSensors(CLI::App* app, SensorsCommand* command);
 CLI::App* AddInfo(CLI::App* app, InfoCommand* command);
 CLI::App* AddStats(CLI::App* app, StatsCommand* command);
 CLI::App* AddVerify(CLI::App* app, VerifyCommand* command);
@@ -26,6 +27,7 @@ CLI::App* AddServe(CLI::App* app, ServeCommand* command);
 CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 
 /// May also fill in what follows from the rest. A verb without one has nothing to check.
+[[nodiscard]] Status Check(SensorsCommand* command);
 [[nodiscard]] Status Check(InfoCommand* command);
 [[nodiscard]] Status Check(ExtractCommand* command);
 [[nodiscard]] Status Check(PlanCommand* command);
