@@ -50,6 +50,82 @@ TEST(Parse, RenderTakesEveryPictureFlag) {
   EXPECT_TRUE(command.output.json && command.output.quiet);
 }
 
+TEST(Parse, SensorsTakesEveryFlag) {
+  const auto command = Parsed<SensorsCommand>({"sensors",
+                                               "a.csv",
+                                               "b.csv",
+                                               "-o",
+                                               "x.zarr",
+                                               "--format",
+                                               "jsonl",
+                                               "--columns",
+                                               "time=when,x=lon,y=lat,value=T,value=rh",
+                                               "--separator",
+                                               "tab",
+                                               "--time-unit",
+                                               "ms",
+                                               "--max-bad",
+                                               "7",
+                                               "--field",
+                                               "t,h",
+                                               "--value-range",
+                                               "-5,60.5",
+                                               "--duplicates",
+                                               "mean",
+                                               "--bounds",
+                                               "-1,-2,-3,4,5,6",
+                                               "--voxel",
+                                               "0.5,0.5,0.25",
+                                               "--reach",
+                                               "8",
+                                               "--background",
+                                               "-32",
+                                               "--step-seconds",
+                                               "60",
+                                               "--start",
+                                               "1970-01-01T00:00:30Z",
+                                               "--watermark",
+                                               "5",
+                                               "--on-missing",
+                                               "hold",
+                                               "--most-ahead",
+                                               "9",
+                                               "--world-unit",
+                                               "m",
+                                               "--clock",
+                                               "UTC",
+                                               "--chunk",
+                                               "8",
+                                               "--json"});
+  const ingest::SensorOptions& ingest = command.ingest;
+  EXPECT_EQ(ingest.inputs, (std::vector<std::string>{"a.csv", "b.csv"}));
+  EXPECT_EQ(ingest.format, ingest::ReadingFormat::kJsonLines);
+  EXPECT_EQ(ingest.columns.time, "when");
+  EXPECT_EQ(ingest.columns.values, (std::vector<std::string>{"T", "rh"}));
+  EXPECT_EQ(ingest.separator, '\t');
+  EXPECT_EQ(ingest.time_unit_s, 1e-3);
+  EXPECT_EQ(ingest.max_bad, 7);
+  EXPECT_EQ(ingest.fields, (std::vector<std::string>{"t", "h"}));
+  EXPECT_EQ(ingest.least_value, -5);
+  EXPECT_EQ(ingest.greatest_value, 60.5);
+  EXPECT_EQ(ingest.duplicates, sensors::Duplicates::kMean);
+  EXPECT_EQ((*ingest.box.bounds)[0], (Vec3{-1, -2, -3}));
+  EXPECT_EQ(ingest.box.voxel, (Vec3{0.5, 0.5, 0.25}));
+  EXPECT_EQ(ingest.fill.reach_voxels, 8);
+  EXPECT_EQ(ingest.fill.background, -32);
+  EXPECT_EQ(ingest.steps_by, ingest::StepsBy::kWindow);
+  EXPECT_EQ(ingest.steps.window_s, 60);
+  EXPECT_EQ(ingest.steps.start_s, 30);
+  EXPECT_EQ(ingest.steps.watermark_s, 5);
+  EXPECT_EQ(ingest.steps.most_ahead, 9);
+  EXPECT_EQ(ingest.steps.on_empty, sensors::OnEmpty::kHold);
+  EXPECT_EQ(ingest.world_unit, "m");
+  EXPECT_EQ(ingest.clock, "UTC");
+  EXPECT_EQ(ingest.chunk_edge, 8);
+  const auto plain = Parsed<SensorsCommand>({"sensors", "-", "-o", "x.zarr", "--step-key", "scan"});
+  EXPECT_EQ(plain.ingest.steps_by, ingest::StepsBy::kKey);
+}
+
 TEST(Parse, PerspectiveViews) {
   const auto render =
       Parsed<RenderCommand>({"render", "a.zarr", "--fov", "60", "--up", "0,1,0", "--target",
@@ -256,7 +332,7 @@ struct Wrong {
 
 TEST(Parse, WrongUsageEndsWithTwoAndNamesTheFlag) {
   const std::vector<Wrong> wrongs = {
-      {{}, "a verb is missing; there are: ingest, info"},
+      {{}, "a verb is missing; there are: ingest, sensors"},
       {{"dance"}, "there is no verb 'dance'"},
       {{"render", "-o", "f.png"}, "input is required"},
       {{"render", "a.zarr"}, "--output is required"},
@@ -302,6 +378,14 @@ TEST(Parse, WrongUsageEndsWithTwoAndNamesTheFlag) {
       {{"ingest", "a.raw", "-o", "x.zarr", "--chunk", "7"}, "--chunk"},
       {{"extract", "a.zarr", "-o", "x.txt"}, "--output"},
       {{"info"}, "dataset is missing"},
+      {{"sensors", "a.csv", "-o", "x.zarr", "--columns", "lon=x"}, "--columns: 'lon=x'"},
+      {{"sensors", "a.csv", "-o", "x.zarr", "--voxel", "1,0,1"}, "--voxel: a voxel of size 0"},
+      {{"sensors", "a.csv", "-o", "x.zarr", "--voxel", "1", "--dims", "8,8,8"}, "--dims"},
+      {{"sensors", "a.csv", "-o", "x.zarr", "--append", "--voxel", "1"}, "--append"},
+      {{"sensors", "a.csv", "-o", "x.zarr", "--step-key", "k", "--step-seconds", "1"},
+       "--step-key"},
+      {{"sensors", "a.csv", "-o", "x.zarr", "--start", "noon"}, "--start: 'noon'"},
+      {{"sensors", "a.csv", "-o", "x.zarr", "--duplicates", "first"}, "none of last, mean"},
   };
   for (const Wrong& wrong : wrongs) {
     const ParseResult result = ParseCommandLine(wrong.arguments);
