@@ -23,4 +23,5 @@ pkg_check_modules(OpenImageIO REQUIRED IMPORTED_TARGET GLOBAL OpenImageIO>=2.4 I
 add_library(OpenImageIO::OpenImageIO ALIAS PkgConfig::OpenImageIO)
 if(FOVEA_BUILD_TESTS)
   find_package(GTest 1.12 CONFIG REQUIRED)
+  pkg_check_modules(BLOSC REQUIRED IMPORTED_TARGET GLOBAL blosc>=1.21)   # to compare ours with
 endif()

@@ -14,7 +14,7 @@ build_packages=(
   ffmpeg
 )
 test_packages=(
-  libgtest-dev libgmock-dev
+  libgtest-dev libgmock-dev libblosc-dev
   python3 python3-numpy
 )
 

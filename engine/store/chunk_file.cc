@@ -15,8 +15,17 @@ StatusOr<int64_t> ReadChunkFile(FileSystem& files, const std::string& path,
                                 std::span<std::byte> raw) {
   const int64_t most = MaxEncodedBytes(static_cast<int64_t>(raw.size()));
   FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, ReadWholeFile(files, path, most));
-  Decoder decoder;
-  FOVEA_RETURN_IF_ERROR(Annotate(decoder.Decode(encoded, raw), fmt::format("{} is damaged", path)));
+  FOVEA_RETURN_IF_ERROR(
+      Annotate(Decoder().Decode(encoded, raw), fmt::format("{} is damaged", path)));
+  return static_cast<int64_t>(encoded.size());
+}
+
+StatusOr<int64_t> ReadValuesFile(FileSystem& files, const std::string& path, const Coding& coding,
+                                 std::span<float> values) {
+  const int64_t most = MaxEncodedBytes(std::ssize(values) * BytesOfType(coding.type));
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, ReadWholeFile(files, path, most));
+  FOVEA_RETURN_IF_ERROR(Annotate(Decoder().DecodeValues(encoded, coding, values),
+                                 fmt::format("{} is damaged", path)));
   return static_cast<int64_t>(encoded.size());
 }
 

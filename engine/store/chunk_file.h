@@ -21,6 +21,10 @@ namespace fovea::store {
 [[nodiscard]] StatusOr<int64_t> ReadChunkFile(FileSystem& files, const std::string& path,
                                               std::span<std::byte> raw);
 
+/// The same for coefficients.
+[[nodiscard]] StatusOr<int64_t> ReadValuesFile(FileSystem& files, const std::string& path,
+                                               const Coding& coding, std::span<float> values);
+
 /// Where a chunk lies in its shard.
 struct ShardEntry {
   uint64_t offset = 0;

@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
-#include <string_view>
+#include <mutex>
+#include <utility>
 
 #include <isa-l/crc.h>
 #include <zstd.h>
-
-#include "engine/store/stored_type.h"
 
 namespace fovea::store {
 
@@ -33,8 +32,15 @@ uint32_t Crc32c(std::span<const std::byte> bytes) {
   return ~crc;
 }
 
+// Decided with the numbers of docs/decisions/0015.
+Filter FilterOf(const std::string& type) {
+  return IsIntegerType(type) ? Filter::kBitShuffle : Filter::kShuffle;
+}
+
 int64_t MaxEncodedBytes(int64_t raw_bytes) {
-  return static_cast<int64_t>(ZSTD_compressBound(static_cast<size_t>(raw_bytes)) + kCrcBytes);
+  const size_t zstd = ZSTD_compressBound(static_cast<size_t>(raw_bytes));
+  return std::max(static_cast<int64_t>(zstd), raw_bytes + kBloscHeaderBytes) +
+         static_cast<int64_t>(kCrcBytes);
 }
 
 StatusOr<std::span<const std::byte>> CheckCrc32c(std::span<const std::byte> bytes) {
@@ -57,38 +63,106 @@ void AppendCrc32c(std::vector<std::byte>& bytes) {
   bytes.insert(bytes.end(), first, first + kCrcBytes);
 }
 
-struct Encoder::State {
-  ZSTD_CCtx* context = ZSTD_createCCtx();
-  ~State() { ZSTD_freeCCtx(context); }
+namespace {
+
+/// What decoders leave for the next ones: making a zstd context takes longer than a chunk. As many
+/// as there were at a time, at most.
+template <typename State>
+class Pool {
+ public:
+  static std::unique_ptr<State> Take() {
+    Pool& pool = Instance();
+    const std::lock_guard lock(pool.mutex_);
+    if (pool.idle_.empty()) {
+      return std::make_unique<State>();
+    }
+    std::unique_ptr<State> state = std::move(pool.idle_.back());
+    pool.idle_.pop_back();
+    return state;
+  }
+  static void Return(std::unique_ptr<State> state) {
+    Pool& pool = Instance();
+    const std::lock_guard lock(pool.mutex_);
+    pool.idle_.push_back(std::move(state));
+  }
+
+ private:
+  static Pool& Instance() {
+    static Pool& pool = *new Pool;  // for threads that outlive main
+    return pool;
+  }
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<State>> idle_;  // guarded by mutex_
 };
 
-Encoder::Encoder(int zstd_level) : state_(std::make_unique<State>()) {
-  ZSTD_CCtx_setParameter(state_->context, ZSTD_c_compressionLevel, zstd_level);
-  ZSTD_CCtx_setParameter(state_->context, ZSTD_c_checksumFlag, 1);
-}
-
-Encoder::~Encoder() = default;
-
-StatusOr<std::vector<std::byte>> Encoder::Encode(std::span<const std::byte> raw) {
-  std::vector<std::byte> encoded(ZSTD_compressBound(raw.size()));
-  const size_t size =
-      ZSTD_compress2(state_->context, encoded.data(), encoded.size(), raw.data(), raw.size());
-  if (ZSTD_isError(size) != 0) {
-    return Internal("zstd cannot compress {} bytes: {}", raw.size(), ZSTD_getErrorName(size));
-  }
-  encoded.resize(size);
+/// The bytes and their checksum.
+std::vector<std::byte> WithCrc32c(std::span<const std::byte> content) {
+  std::vector<std::byte> encoded;
+  encoded.reserve(content.size() + kCrcBytes);
+  encoded.assign(content.begin(), content.end());
   AppendCrc32c(encoded);
   return encoded;
 }
 
+}  // namespace
+
+struct Encoder::State {
+  ZSTD_CCtx* context = ZSTD_createCCtx();
+  BloscEncoder blosc;
+  std::vector<std::byte> scratch;
+
+  State() {
+    ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, kDefaultZstdLevel);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_checksumFlag, 1);
+  }
+  ~State() { ZSTD_freeCCtx(context); }
+};
+
+Encoder::Encoder() : state_(std::make_unique<State>()) {}
+
+Encoder::~Encoder() = default;
+
+StatusOr<std::vector<std::byte>> Encoder::Encode(std::span<const std::byte> raw) {
+  std::vector<std::byte>& frame = state_->scratch;
+  frame.resize(std::max(frame.size(), ZSTD_compressBound(raw.size())));
+  const size_t size =
+      ZSTD_compress2(state_->context, frame.data(), frame.size(), raw.data(), raw.size());
+  if (ZSTD_isError(size) != 0) {
+    return Internal("zstd cannot compress {} bytes: {}", raw.size(), ZSTD_getErrorName(size));
+  }
+  return WithCrc32c(std::span(frame).first(size));
+}
+
+StatusOr<std::vector<std::byte>> Encoder::EncodeValues(std::span<const float> values,
+                                                       const Coding& coding) {
+  const auto width = static_cast<int>(BytesOfType(coding.type));
+  std::vector<std::byte>& raw = state_->scratch;
+  raw.resize(std::max(raw.size(), values.size() * static_cast<size_t>(width)));
+  const auto stored = std::span(raw).first(values.size() * static_cast<size_t>(width));
+  FOVEA_RETURN_IF_ERROR(ToStored(values, coding, stored));
+  return EncodeStored(stored, coding.type);
+}
+
+StatusOr<std::vector<std::byte>> Encoder::EncodeStored(std::span<const std::byte> stored,
+                                                       const std::string& type) {
+  const auto width = static_cast<int>(BytesOfType(type));
+  FOVEA_ASSIGN_OR_RETURN(const std::span<const std::byte> chunk,
+                         state_->blosc.Encode(stored, width, FilterOf(type)));
+  return WithCrc32c(chunk);
+}
+
 struct Decoder::State {
   ZSTD_DCtx* context = ZSTD_createDCtx();
+  BloscDecoder blosc;
+  std::vector<std::byte> scratch;
   ~State() { ZSTD_freeDCtx(context); }
 };
 
-Decoder::Decoder() : state_(std::make_unique<State>()) {}
+Decoder::Decoder() : state_(Pool<State>::Take()) {}
 
-Decoder::~Decoder() = default;
+Decoder::~Decoder() {
+  Pool<State>::Return(std::move(state_));
+}
 
 // Decoding is into a buffer of known size in one call: no frame, whatever it claims, makes zstd
 // allocate a window or write past the end.
@@ -108,14 +182,16 @@ Status Decoder::Decode(std::span<const std::byte> encoded, std::span<std::byte> 
   return absl::OkStatus();
 }
 
-Status Decoder::DecodeValues(std::span<const std::byte> encoded, const std::string& type,
+Status Decoder::DecodeValues(std::span<const std::byte> encoded, const Coding& coding,
                              std::span<float> values) {
-  if (!IsIntegerType(type)) {
-    return Decode(encoded, std::as_writable_bytes(values));
+  FOVEA_ASSIGN_OR_RETURN(const std::span<const std::byte> chunk, CheckCrc32c(encoded));
+  const auto width = static_cast<int>(BytesOfType(coding.type));
+  if (!IsIntegerType(coding.type)) {
+    return state_->blosc.Decode(chunk, width, std::as_writable_bytes(values));
   }
-  raw_.resize(values.size() * static_cast<size_t>(BytesOfType(type)));
-  FOVEA_RETURN_IF_ERROR(Decode(encoded, raw_));
-  FromStored(raw_, type, values);
+  state_->scratch.resize(values.size() * static_cast<size_t>(width));
+  FOVEA_RETURN_IF_ERROR(state_->blosc.Decode(chunk, width, state_->scratch));
+  FromStored(state_->scratch, coding, values);
   return absl::OkStatus();
 }
 

@@ -9,31 +9,44 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/store/blosc.h"
+#include "engine/store/stored_type.h"
 
-/// The codec chain of every chunk: little-endian values, one zstd frame with its own checksum,
-/// then the CRC32C of that frame (4 bytes, little-endian).
+/// The codec chains of chunks. Coefficients: little-endian values, in a Blosc chunk (blosc.h), then
+/// the CRC32C of that (4 bytes, little-endian). All else: the same with one zstd frame that carries
+/// its own checksum instead of the Blosc chunk.
 namespace fovea::store {
 
 inline constexpr int kDefaultZstdLevel = 1;
 
 [[nodiscard]] uint32_t Crc32c(std::span<const std::byte> bytes);
 
-/// The most bytes that `raw_bytes` can take up encoded.
+/// How coefficients of a type are filtered before they are compressed.
+[[nodiscard]] Filter FilterOf(const std::string& type);
+
+/// The most bytes that `raw_bytes` can take up encoded, either way.
 [[nodiscard]] int64_t MaxEncodedBytes(int64_t raw_bytes);
 
 /// Encodes chunks one after another. One thread at a time.
 class Encoder {
  public:
-  explicit Encoder(int zstd_level = kDefaultZstdLevel);
+  Encoder();
   ~Encoder();
   [[nodiscard]] StatusOr<std::vector<std::byte>> Encode(std::span<const std::byte> raw);
+  /// Coefficients as ToStored (stored_type.h) makes them.
+  [[nodiscard]] StatusOr<std::vector<std::byte>> EncodeStored(std::span<const std::byte> stored,
+                                                              const std::string& type);
+  /// The same of floats, with the errors of ToStored.
+  [[nodiscard]] StatusOr<std::vector<std::byte>> EncodeValues(std::span<const float> values,
+                                                              const Coding& coding);
 
  private:
   struct State;
   std::unique_ptr<State> state_;
 };
 
-/// Decodes chunks one after another. One thread at a time.
+/// Decodes chunks one after another. One thread at a time. Cheap to make: what it needs is kept
+/// from one to the next.
 class Decoder {
  public:
   Decoder();
@@ -41,14 +54,13 @@ class Decoder {
   /// Fills `raw`, whose size is what metadata says the chunk must have. DATA_LOSS, saying what is
   /// wrong but not where, if a checksum or a length does not fit.
   [[nodiscard]] Status Decode(std::span<const std::byte> encoded, std::span<std::byte> raw);
-  /// The same for coefficients stored as `type` (stored_type.h).
-  [[nodiscard]] Status DecodeValues(std::span<const std::byte> encoded, const std::string& type,
+  /// The same for coefficients.
+  [[nodiscard]] Status DecodeValues(std::span<const std::byte> encoded, const Coding& coding,
                                     std::span<float> values);
 
  private:
   struct State;
   std::unique_ptr<State> state_;
-  std::vector<std::byte> raw_;
 };
 
 /// Splits the CRC32C off the end of `bytes` and checks it; DATA_LOSS if it does not fit.

@@ -12,9 +12,9 @@
 
 namespace fovea::store {
 
-const std::string& DatasetInfo::TypeOf(const std::string& field) const {
+const FieldInfo& DatasetInfo::FieldOf(const std::string& field) const {
   const auto is_field = [&](const FieldInfo& known) { return known.name == field; };
-  return std::find_if(fields.begin(), fields.end(), is_field)->type;
+  return *std::find_if(fields.begin(), fields.end(), is_field);
 }
 
 namespace {

@@ -19,9 +19,15 @@ namespace fovea::store {
 struct FieldInfo {
   std::string name;
   /// Of the stored coefficients: float32; or int16 or int32, which are of the reversible integer
-  /// transform.
+  /// transform, or quantised.
   std::string type = "float32";
   double minimum = 0, maximum = 0;  // data units, over every committed step
+  /// Of quantised coefficients: detail of level l is a whole number of `type` times scales[l], and
+  /// LLL_0 is float32. Empty: not quantised.
+  std::vector<float> scales = {};
+  /// Of quantised coefficients: no voxel is to be farther off than this; and how far off the worst
+  /// one was found to be, over every committed step. Data units.
+  double tolerance = 0, max_error = 0;
   friend bool operator==(const FieldInfo&, const FieldInfo&) = default;
 };
 
@@ -40,8 +46,11 @@ struct DatasetInfo {
   std::vector<FieldInfo> fields;
   int64_t chunk_edge = 16;  // detail chunks are [1, 7, c, c, c]: 8, 16 or 32
 
-  /// Of a field that is there.
-  [[nodiscard]] const std::string& TypeOf(const std::string& field) const;
+  /// A field that is there.
+  [[nodiscard]] const FieldInfo& FieldOf(const std::string& field) const;
+  [[nodiscard]] const std::string& TypeOf(const std::string& field) const {
+    return FieldOf(field).type;
+  }
 };
 
 /// What reading one step cost so far.

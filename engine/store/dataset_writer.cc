@@ -191,7 +191,7 @@ Status Writer::CheckCoefficients(const std::string& field,
         "the coefficients of field '{}' are of the wavelet {}, the store's of {}", field,
         WaveletName(basis.wavelet), info_.wavelet);
   }
-  if (basis.integer != IsIntegerType(info_.TypeOf(field))) {
+  if (basis.integer != BasisOf(info_, info_.FieldOf(field)).integer) {
     return InvalidArgument("the coefficients of field '{}' are {}, the store's {}", field,
                            basis.integer ? "integers" : "floats", info_.TypeOf(field));
   }

@@ -26,18 +26,6 @@ BrickGrid::Brick CutAtBorder(const BrickGrid::Brick& brick, int64_t edge, const 
   return cut;
 }
 
-/// The largest magnitude; not finite if one is not.
-float LargestOf(const BrickGrid::Brick& values) {
-  float largest = 0;
-  for (const float value : values) {
-    if (!std::isfinite(value)) {
-      return value;
-    }
-    largest = std::max(largest, std::fabs(value));
-  }
-  return largest;
-}
-
 Status AddBrick(int level, const BrickGrid& detail, const Int3& at, const BrickGrid::Brick& brick,
                 FieldWriter* writer) {
   const int64_t edge = detail.edge();
@@ -51,14 +39,16 @@ Status AddBrick(int level, const BrickGrid& detail, const Int3& at, const BrickG
     cut = CutAtBorder(brick, edge, size);
     values = &cut;
   }
-  const float largest = LargestOf(*values);
+  const float largest = LargestMagnitude(*values);
   if (largest == 0) {
     return absl::OkStatus();
   }
-  if (!IsIntegerType(writer->type()) || !std::isfinite(largest)) {
+  const Coding& coding = writer->coding(level);
+  if (!IsIntegerType(coding.type) || !std::isfinite(largest)) {
     return writer->Add(level, at, std::as_bytes(std::span(*values)), largest);
   }
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> stored, ToStored(*values, writer->type()));
+  std::vector<std::byte> stored(values->size() * static_cast<size_t>(BytesOfType(coding.type)));
+  FOVEA_RETURN_IF_ERROR(ToStored(*values, coding, stored));
   return writer->Add(level, at, stored, largest);
 }
 
@@ -86,7 +76,7 @@ FieldWriter::FieldWriter(const std::string& store_path, const DatasetInfo& info,
                          std::function<void(const FieldStats*)> on_end)
     : store_path_(store_path),
       field_(std::move(field)),
-      type_(info.TypeOf(field_)),
+      coarse_coding_(CoarseCoding(info.FieldOf(field_))),
       step_(info.committed_steps),
       coarse_dims_(info.hierarchy.DimsAt(0)),
       encoders_(encoders),
@@ -94,7 +84,8 @@ FieldWriter::FieldWriter(const std::string& store_path, const DatasetInfo& info,
       on_end_(std::move(on_end)) {
   for (int level = 0; level < info.hierarchy.finest(); ++level) {
     levels_.push_back(std::make_unique<LevelWriter>(
-        store_path_, field_, step_, LevelLayout::Make(info, type_, level), encoders_, batch_));
+        store_path_, field_, step_, LevelLayout::Make(info, info.FieldOf(field_), level), encoders_,
+        batch_));
   }
 }
 
@@ -143,8 +134,8 @@ Status FieldWriter::WriteCoarse(const Grid& coarse) {
     }
   }
   // Stored even if it is all zeros: no step is without it, so that its loss is noticed.
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> raw, ToStored(coarse.values, type_));
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, encoders_->Borrow()->Encode(raw));
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded,
+                         encoders_->Borrow()->EncodeValues(coarse.values, coarse_coding_));
   const std::string name = SpaceChunkName(step_, {0, 0, 0}, /*with_bands=*/false);
   return batch_->Write(fmt::format("{}/{}/{}", store_path_, CoarsePath(field_), name), encoded);
 }

@@ -31,9 +31,11 @@ class FieldWriter {
   FieldWriter(const FieldWriter&) = delete;
   FieldWriter& operator=(const FieldWriter&) = delete;
 
-  /// Of the coefficients: what `Add` takes.
-  [[nodiscard]] const std::string& type() const { return type_; }
-  /// Encodes the chunk at `at` of detail level `level`: [7][z][y][x] values of type(), as in
+  /// Of the coefficients of a level: what `Add` takes.
+  [[nodiscard]] const Coding& coding(int level) const {
+    return levels_[static_cast<size_t>(level)]->layout().coding;
+  }
+  /// Encodes the chunk at `at` of detail level `level`: [7][z][y][x] values as coding() says, as in
   /// memory, zeros past the border; `largest` is their largest magnitude, above 0 (chunks of zeros
   /// are left out). From any number of threads, for chunks of one layer. INVALID_ARGUMENT if
   /// `largest` is not finite.
@@ -48,7 +50,8 @@ class FieldWriter {
   [[nodiscard]] Status WriteCoarse(const Grid& coarse);
   [[nodiscard]] Status FinishFiles(const Grid& coarse, const FieldStats& stats);
 
-  std::string store_path_, field_, type_;
+  std::string store_path_, field_;
+  Coding coarse_coding_;
   int64_t step_;
   Int3 coarse_dims_;
   EncoderPool* encoders_;

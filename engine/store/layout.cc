@@ -14,11 +14,11 @@ int64_t CeilDiv(int64_t a, int64_t b) {
 
 }  // namespace
 
-LevelLayout LevelLayout::Make(const DatasetInfo& info, const std::string& type, int level) {
+LevelLayout LevelLayout::Make(const DatasetInfo& info, const FieldInfo& field, int level) {
   const Hierarchy& hierarchy = info.hierarchy;
   const int64_t chunk_edge = info.chunk_edge;
   LevelLayout layout;
-  layout.type = type;
+  layout.coding = {field.type, field.scales.empty() ? 1 : field.scales[static_cast<size_t>(level)]};
   layout.level = level;
   layout.width = hierarchy.WidthAt(level);
   layout.edge = chunk_edge;
@@ -32,6 +32,15 @@ LevelLayout LevelLayout::Make(const DatasetInfo& info, const std::string& type, 
     layout.tables[axis] = CeilDiv(chunks, layout.table_edge[axis]);
   }
   return layout;
+}
+
+Coding CoarseCoding(const FieldInfo& field) {
+  return field.scales.empty() ? Coding{field.type, 1} : Coding{};
+}
+
+Basis BasisOf(const DatasetInfo& info, const FieldInfo& field) {
+  return {ParseWavelet(info.wavelet).value_or(Wavelet::kHaar),
+          IsIntegerType(field.type) && field.scales.empty()};
 }
 
 Box3 LevelLayout::ChunkBox(const Int3& chunk) const {
@@ -81,11 +90,13 @@ void AddLevel(const std::string& field, const LevelLayout& level, std::vector<Ar
   const int64_t c = level.edge;
   const Int3& per_shard = level.shard_chunks;
   arrays->push_back({DetailPath(field, level.width),
-                     level.type,
+                     level.coding.type,
                      {kSubBands, level.dims.z, level.dims.y, level.dims.x},
                      {1, kSubBands, c, c, c},
                      {1, kSubBands, per_shard.z * c, per_shard.y * c, per_shard.x * c},
-                     {"t", "band", "z", "y", "x"}});
+                     {"t", "band", "z", "y", "x"},
+                     0,
+                     level.coding});
   arrays->push_back({TablePath(field, level.width),
                      "float32",
                      {level.chunks.z, level.chunks.y, level.chunks.x},
@@ -104,13 +115,15 @@ std::vector<ArraySpec> AllArrays(const DatasetInfo& info) {
   const Int3 coarse = info.hierarchy.DimsAt(0);
   for (const FieldInfo& field : info.fields) {
     arrays.push_back({CoarsePath(field.name),
-                      field.type,
+                      CoarseCoding(field).type,
                       {coarse.z, coarse.y, coarse.x},
                       {1, coarse.z, coarse.y, coarse.x},
                       {},
-                      {"t", "z", "y", "x"}});
+                      {"t", "z", "y", "x"},
+                      0,
+                      CoarseCoding(field)});
     for (int level = 0; level < info.hierarchy.finest(); ++level) {
-      AddLevel(field.name, LevelLayout::Make(info, field.type, level), &arrays);
+      AddLevel(field.name, LevelLayout::Make(info, field, level), &arrays);
     }
     arrays.push_back(
         {StatsPath(field.name), "float64", {2}, {kSeriesSteps, 2}, {}, {"t", "statistic"}});

@@ -39,18 +39,22 @@ struct LevelLayout {
   Int3 shards;        // shards that cover the chunks
   Int3 table_edge;    // entries in one chunk of chunk_max_W
   Int3 tables;        // chunks of chunk_max_W
-  std::string type;   // of the coefficients
+  Coding coding;      // of the coefficients
 
-  [[nodiscard]] static LevelLayout Make(const DatasetInfo& info, const std::string& type,
-                                        int level);
+  [[nodiscard]] static LevelLayout Make(const DatasetInfo& info, const FieldInfo& field, int level);
   [[nodiscard]] int64_t ChunkValues() const { return kSubBands * edge * edge * edge; }
-  [[nodiscard]] int64_t ChunkBytes() const { return ChunkValues() * BytesOfType(type); }
+  [[nodiscard]] int64_t ChunkBytes() const { return ChunkValues() * BytesOfType(coding.type); }
   /// The coefficients of the chunk at `chunk`, cut off at the border.
   [[nodiscard]] Box3 ChunkBox(const Int3& chunk) const;
   [[nodiscard]] Int3 ShardOf(const Int3& chunk) const;
   /// The place of a chunk in the index of its shard: x fastest.
   [[nodiscard]] size_t IndexInShard(const Int3& chunk) const;
 };
+
+/// How LLL_0 is stored: of quantised coefficients, it alone is exact.
+[[nodiscard]] Coding CoarseCoding(const FieldInfo& field);
+/// What coefficients of a field mean.
+[[nodiscard]] Basis BasisOf(const DatasetInfo& info, const FieldInfo& field);
 
 /// The array folders of a field, below the store.
 [[nodiscard]] std::string CoarsePath(const std::string& field);
@@ -70,6 +74,7 @@ struct ArraySpec {
   std::vector<int64_t> shard;                // with t; empty: chunks are files of their own
   std::vector<std::string> dimension_names;  // with t
   int64_t fill_value = 0;
+  std::optional<Coding> coding = {};  // of coefficients, in Blosc chunks; without: in zstd frames
 
   /// Files of the array on each axis that hold anything, t excluded.
   [[nodiscard]] std::vector<int64_t> FileGrid() const;

@@ -22,7 +22,8 @@ Status LevelWriter::Add(const Int3& chunk, std::span<const std::byte> stored, fl
     return InvalidArgument("a coefficient of chunk {},{},{} (x, y, z) of detail_{} is not finite",
                            chunk.x, chunk.y, chunk.z, layout_.width);
   }
-  FOVEA_ASSIGN_OR_RETURN(std::vector<std::byte> encoded, encoders_->Borrow()->Encode(stored));
+  FOVEA_ASSIGN_OR_RETURN(std::vector<std::byte> encoded,
+                         encoders_->Borrow()->EncodeStored(stored, layout_.coding.type));
   const std::lock_guard lock(mutex_);
   layer_.push_back({chunk, std::move(encoded)});
   SetLargest(chunk, largest);

@@ -38,6 +38,24 @@ bool IsFieldName(const std::string& name) {
          name != kTimePath && name != kFrameNumberPath && name != kMetadataName;
 }
 
+Status CheckCoding(const FieldInfo& field, Wavelet wavelet, int64_t levels) {
+  FOVEA_RETURN_IF_ERROR(CheckStoredType(field.type));
+  if (IsIntegerType(field.type) && field.scales.empty() && wavelet == Wavelet::kCdf97) {
+    return InvalidArgument("type {}: there is no reversible integer form of cdf97", field.type);
+  }
+  if (field.scales.empty()) {
+    return absl::OkStatus();
+  }
+  const auto is_scale = [](float scale) { return std::isfinite(scale) && scale > 0; };
+  if (std::ssize(field.scales) != levels || !IsIntegerType(field.type) ||
+      !std::all_of(field.scales.begin(), field.scales.end(), is_scale) || !(field.tolerance > 0) ||
+      !(field.max_error >= 0)) {
+    return InvalidArgument(
+        "quantised: it must have an integer type, {} scales, and a tolerance above 0", levels);
+  }
+  return absl::OkStatus();
+}
+
 Status ValidateFields(const DatasetInfo& info, Wavelet wavelet) {
   if (info.fields.empty() || info.fields.size() > kMaxFields) {
     return InvalidArgument("{} fields: there must be 1 to {}", info.fields.size(), kMaxFields);
@@ -54,8 +72,8 @@ Status ValidateFields(const DatasetInfo& info, Wavelet wavelet) {
     if (!names.insert(field.name).second) {
       return InvalidArgument("field '{}' is there twice", field.name);
     }
-    FOVEA_RETURN_IF_ERROR(
-        Annotate(CheckStoredType(field.type, wavelet), fmt::format("field '{}'", field.name)));
+    FOVEA_RETURN_IF_ERROR(Annotate(CheckCoding(field, wavelet, info.hierarchy.finest()),
+                                   fmt::format("field '{}'", field.name)));
     if (!std::isfinite(field.minimum) || !std::isfinite(field.maximum) ||
         field.minimum > field.maximum) {
       return InvalidArgument("field '{}' has the range {} to {}", field.name, field.minimum,
@@ -105,8 +123,13 @@ json Attributes(const DatasetInfo& info) {
   const auto& dims = info.hierarchy.dims();
   json fields = json::object();
   for (const FieldInfo& field : info.fields) {
-    fields[field.name] = {
-        {"type", field.type}, {"minimum", field.minimum}, {"maximum", field.maximum}};
+    json& attributes = fields[field.name];
+    attributes = {{"type", field.type}, {"minimum", field.minimum}, {"maximum", field.maximum}};
+    if (!field.scales.empty()) {
+      attributes["scales"] = field.scales;
+      attributes["tolerance"] = field.tolerance;
+      attributes["max_error"] = field.max_error;
+    }
   }
   json attributes = {{"format_version", kFormatVersion},
                      {"wavelet", info.wavelet},
@@ -160,12 +183,33 @@ json Codec(const char* name, const json& configuration = nullptr) {
   return codec;
 }
 
+json Zstd() {
+  return Codec("zstd", {{"level", kDefaultZstdLevel}, {"checksum", true}});
+}
+
+/// What each chunk says itself in its header; here for other writers.
+json Blosc(const Coding& coding) {
+  return Codec("blosc",
+               {{"cname", "zstd"},
+                {"clevel", 1},
+                {"shuffle", FilterOf(coding.type) == Filter::kShuffle ? "shuffle" : "bitshuffle"},
+                {"typesize", BytesOfType(coding.type)},
+                {"blocksize", 0}});
+}
+
+/// The name under which others (CF conventions) look for what values are to be multiplied by.
+json ArrayAttributes(const ArraySpec& spec) {
+  if (!spec.coding || spec.coding->scale == 1) {
+    return json::object();
+  }
+  return {{"scale_factor", spec.coding->scale}};
+}
+
 json ArrayDocument(const ArraySpec& spec, int64_t steps) {
   std::vector<int64_t> shape = {steps};
   shape.insert(shape.end(), spec.shape.begin(), spec.shape.end());
   const json bytes = Codec("bytes", {{"endian", "little"}});
-  json codecs = {bytes, Codec("zstd", {{"level", kDefaultZstdLevel}, {"checksum", true}}),
-                 Codec("crc32c")};
+  json codecs = {bytes, spec.coding ? Blosc(*spec.coding) : Zstd(), Codec("crc32c")};
   if (!spec.shard.empty()) {
     codecs = json::array({Codec("sharding_indexed", {{"chunk_shape", spec.chunk},
                                                      {"codecs", codecs},
@@ -183,7 +227,7 @@ json ArrayDocument(const ArraySpec& spec, int64_t steps) {
           {"chunk_key_encoding", {{"name", "default"}, {"configuration", {{"separator", "."}}}}},
           {"fill_value", fill},
           {"codecs", codecs},
-          {"attributes", json::object()},
+          {"attributes", ArrayAttributes(spec)},
           {"dimension_names", spec.dimension_names}};
 }
 
@@ -250,6 +294,21 @@ Int3 Triple(const json& parent, const char* key, int64_t least, int64_t most) {
 }
 
 /// Throws where something is missing or of another type.
+FieldInfo FieldFrom(const std::string& name, const json& field) {
+  FieldInfo info;
+  info.name = name;
+  info.type = field.at("type").get<std::string>();
+  info.minimum = field.at("minimum").get<double>();
+  info.maximum = field.at("maximum").get<double>();
+  if (field.contains("scales")) {
+    info.scales = field.at("scales").get<std::vector<float>>();
+    info.tolerance = field.at("tolerance").get<double>();
+    info.max_error = field.at("max_error").get<double>();
+  }
+  return info;
+}
+
+/// Throws where something is missing or of another type.
 StatusOr<DatasetInfo> InfoFrom(const json& attributes) {
   constexpr int64_t kFarthest = int64_t{1} << 40;
   DatasetInfo info;
@@ -272,8 +331,7 @@ StatusOr<DatasetInfo> InfoFrom(const json& attributes) {
   info.default_field = attributes.at("default_field").get<std::string>();
   info.chunk_edge = Integer(attributes, "chunk_edge", 8, 32);
   for (const auto& [name, field] : attributes.at("fields").get_ref<const json::object_t&>()) {
-    info.fields.push_back({name, field.at("type").get<std::string>(),
-                           field.at("minimum").get<double>(), field.at("maximum").get<double>()});
+    info.fields.push_back(FieldFrom(name, field));
   }
   FOVEA_RETURN_IF_ERROR(ValidateInfo(info));
   return info;
@@ -328,7 +386,7 @@ StatusOr<DatasetInfo> ReadGroup(FileSystem& files, const std::string& store_path
 
 namespace {
 
-/// What may differ between two writers of the same array: the steps and how hard zstd tried.
+/// What may differ between two writers of the same array: the steps and how hard they tried.
 void EraseVariable(json& document) {
   document.at("shape").at(0) = 0;
   json* codecs = &document.at("codecs");
@@ -336,6 +394,7 @@ void EraseVariable(json& document) {
     codecs = &codecs->at(0).at("configuration").at("codecs");
   }
   codecs->at(1).at("configuration").erase("level");
+  codecs->at(1).at("configuration").erase("clevel");
 }
 
 }  // namespace

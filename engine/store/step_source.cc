@@ -63,10 +63,10 @@ class StoredStep final : public StepSource {
         step_(step),
         field_(std::move(field)),
         on_damage_(on_damage),
-        type_(info_.TypeOf(field_)),
-        basis_{ParseWavelet(info_.wavelet).value_or(Wavelet::kHaar), IsIntegerType(type_)} {
+        coarse_coding_(CoarseCoding(info_.FieldOf(field_))),
+        basis_(BasisOf(info_, info_.FieldOf(field_))) {
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {
-      layouts_.push_back(LevelLayout::Make(info_, type_, level));
+      layouts_.push_back(LevelLayout::Make(info_, info_.FieldOf(field_), level));
       tables_.push_back(
           std::make_unique<ChunkTable>(files_, path_, field_, step_, layouts_.back()));
     }
@@ -105,7 +105,7 @@ class StoredStep final : public StepSource {
   const int64_t step_;
   const std::string field_;
   const OnDamage on_damage_;
-  const std::string type_;
+  const Coding coarse_coding_;
   const Basis basis_;
   std::vector<LevelLayout> layouts_;
   std::vector<std::unique_ptr<ChunkTable>> tables_;
@@ -139,14 +139,12 @@ Status StoredStep::ReadCoarse(std::span<float> out) {
     return Internal("ReadCoarse into {} values, the coarse level has {}", out.size(), values);
   }
   const std::string file = CoarseFile();
-  std::vector<std::byte> raw(values * static_cast<size_t>(BytesOfType(type_)));
-  const StatusOr<int64_t> read = ReadChunkFile(files_, file, raw);
+  const StatusOr<int64_t> read = ReadValuesFile(files_, file, coarse_coding_, out);
   if (!read.ok()) {
     const std::string where = fmt::format("coarse level of field '{}', step {}", field_, step_);
     return absl::IsNotFound(read.status()) ? DataLoss("{}: {} is missing", where, file)
                                            : Annotate(read.status(), where);
   }
-  FromStored(raw, type_, out);
   bytes_read_ += static_cast<uint64_t>(*read);
   ++chunks_read_;
   return absl::OkStatus();
@@ -302,7 +300,7 @@ Status StoredStep::ReadRun(const Window& window, const Run& run) {
     if (status.ok()) {
       status =
           decoder.DecodeValues(std::span(bytes).subspan(one.entry.offset - start, one.entry.bytes),
-                               window.layout.type, values);
+                               window.layout.coding, values);
     }
     decode_ns_ += static_cast<int64_t>(1e6 * watch.ElapsedMs());
     if (!status.ok()) {

@@ -1,52 +1,135 @@
 #include "engine/store/stored_type.h"
 
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/store/stored_type.cc"
+#include <hwy/foreach_target.h>  // IWYU pragma: keep
+// foreach_target.h must come first
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace fovea::store::internal::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// Calls body(d, i) for i in [0, count) in vectors as long as there are, then singly.
+template <typename Body>
+HWY_INLINE void ForVectors(size_t count, const Body& body) {
+  const hn::ScalableTag<float> d;
+  const hn::CappedTag<float, 1> d1;
+  size_t i = 0;
+  for (const size_t n = hn::Lanes(d); i + n <= count; i += n) {
+    body(d, i);
+  }
+  for (; i < count; ++i) {
+    body(d1, i);
+  }
+}
+
+/// The bits of |value| order like the values, and NaN behind infinity.
+uint32_t LargestBitsKernel(const float* values, size_t count) {
+  const hn::ScalableTag<int32_t> d;
+  const size_t n = hn::Lanes(d);
+  const auto* bits = reinterpret_cast<const int32_t*>(values);
+  auto most = hn::Zero(d);
+  size_t i = 0;
+  for (; i + n <= count; i += n) {
+    most = hn::Max(most, hn::And(hn::LoadU(d, bits + i), hn::Set(d, 0x7fffffff)));
+  }
+  int32_t largest = hn::GetLane(hn::MaxOfLanes(d, most));
+  for (; i < count; ++i) {
+    int32_t one;
+    std::memcpy(&one, values + i, sizeof(one));
+    largest = largest < (one & 0x7fffffff) ? one & 0x7fffffff : largest;
+  }
+  return static_cast<uint32_t>(largest);
+}
+
+/// False if a value is not a whole number up to `most` times the scale.
+template <typename T>
+HWY_INLINE bool Pack(const float* values, size_t count, float scale, float most, T* out) {
+  bool fits = true;
+  ForVectors(count, [&](auto d, size_t i) HWY_ATTR {
+    const hn::Rebind<T, decltype(d)> to;
+    const auto v = hn::LoadU(d, values + i);
+    const auto ratio = hn::Div(v, hn::Set(d, scale));
+    const auto whole = hn::NearestInt(ratio);
+    const auto back = hn::Mul(hn::ConvertTo(d, whole), hn::Set(d, scale));
+    const auto good = hn::And(hn::Eq(back, v), hn::Le(hn::Abs(ratio), hn::Set(d, most)));
+    fits = fits && hn::AllTrue(d, good);
+    if constexpr (sizeof(T) == 2) {
+      hn::StoreU(hn::DemoteTo(to, whole), to, out + i);
+    } else {
+      hn::StoreU(whole, to, out + i);
+    }
+  });
+  return fits;
+}
+
+bool Pack16Kernel(const float* values, size_t count, float scale, float most, int16_t* out) {
+  return Pack(values, count, scale, most, out);
+}
+
+bool Pack32Kernel(const float* values, size_t count, float scale, float most, int32_t* out) {
+  return Pack(values, count, scale, most, out);
+}
+
+void Unpack16Kernel(const int16_t* stored, size_t count, float scale, float* values) {
+  ForVectors(count, [=](auto d, size_t i) HWY_ATTR {
+    const hn::Rebind<int16_t, decltype(d)> from;
+    const hn::Rebind<int32_t, decltype(d)> wide;
+    const auto whole = hn::PromoteTo(wide, hn::LoadU(from, stored + i));
+    hn::StoreU(hn::Mul(hn::ConvertTo(d, whole), hn::Set(d, scale)), d, values + i);
+  });
+}
+
+void Unpack32Kernel(const int32_t* stored, size_t count, float scale, float* values) {
+  ForVectors(count, [=](auto d, size_t i) HWY_ATTR {
+    const hn::Rebind<int32_t, decltype(d)> from;
+    const auto whole = hn::LoadU(from, stored + i);
+    hn::StoreU(hn::Mul(hn::ConvertTo(d, whole), hn::Set(d, scale)), d, values + i);
+  });
+}
+
+bool RoundKernel(size_t count, float scale, float most, float* values) {
+  bool fits = true;
+  ForVectors(count, [&](auto d, size_t i) HWY_ATTR {
+    const auto ratio = hn::Div(hn::LoadU(d, values + i), hn::Set(d, scale));
+    fits = fits && hn::AllTrue(d, hn::Le(hn::Abs(ratio), hn::Set(d, most)));
+    hn::StoreU(hn::Mul(hn::Round(ratio), hn::Set(d, scale)), d, values + i);
+  });
+  return fits;
+}
+
+}  // namespace fovea::store::internal::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace fovea::store {
+namespace internal {
+
+HWY_EXPORT(LargestBitsKernel);
+HWY_EXPORT(Pack16Kernel);
+HWY_EXPORT(Pack32Kernel);
+HWY_EXPORT(Unpack16Kernel);
+HWY_EXPORT(Unpack32Kernel);
+HWY_EXPORT(RoundKernel);
+
+}  // namespace internal
 namespace {
 
 constexpr const char* kFloat = "float32";
 constexpr const char* kShort = "int16";
 constexpr const char* kLong = "int32";
 
-template <typename T>
-Status Pack(std::span<const float> values, std::vector<std::byte>* bytes) {
-  constexpr float kMost = sizeof(T) == 2 ? std::numeric_limits<int16_t>::max() : kMostInteger;
-  bytes->resize(values.size() * sizeof(T));
-  auto* to = bytes->data();
-  for (const float value : values) {
-    if (!(std::fabs(value) <= kMost) || value != std::trunc(value)) {
-      return InvalidArgument("the coefficient {} is not a whole number that int{} can hold", value,
-                             8 * sizeof(T));
-    }
-    const T whole = static_cast<T>(value);
-    std::memcpy(to, &whole, sizeof(T));
-    to += sizeof(T);
-  }
-  return absl::OkStatus();
-}
-
-template <typename T>
-void Unpack(std::span<const std::byte> stored, std::span<float> values) {
-  const std::byte* from = stored.data();
-  for (float& value : values) {
-    T whole;
-    std::memcpy(&whole, from, sizeof(T));
-    value = static_cast<float>(whole);
-    from += sizeof(T);
-  }
-}
-
 }  // namespace
 
-Status CheckStoredType(const std::string& type, Wavelet wavelet) {
+Status CheckStoredType(const std::string& type) {
   if (type != kFloat && type != kShort && type != kLong) {
     return InvalidArgument("type '{}': it must be float32, int16 or int32", type.substr(0, 100));
-  }
-  if (IsIntegerType(type) && wavelet == Wavelet::kCdf97) {
-    return InvalidArgument("type {}: there is no reversible integer form of cdf97", type);
   }
   return absl::OkStatus();
 }
@@ -59,35 +142,67 @@ int64_t BytesOfType(const std::string& type) {
   return type == kShort ? 2 : 4;
 }
 
-StatusOr<std::vector<std::byte>> ToStored(std::span<const float> values, const std::string& type) {
-  std::vector<std::byte> bytes;
-  if (type == kShort) {
-    FOVEA_RETURN_IF_ERROR(Pack<int16_t>(values, &bytes));
-    return bytes;
-  }
-  if (type == kLong) {
-    FOVEA_RETURN_IF_ERROR(Pack<int32_t>(values, &bytes));
-    return bytes;
-  }
-  for (const float value : values) {
-    if (!std::isfinite(value)) {
-      return InvalidArgument("a coefficient is not finite");
-    }
-  }
-  const std::span<const std::byte> raw = std::as_bytes(values);
-  bytes.assign(raw.begin(), raw.end());
-  return bytes;
+int32_t MostOfType(const std::string& type) {
+  return type == kShort ? std::numeric_limits<int16_t>::max() : kMostInteger;
 }
 
-void FromStored(std::span<const std::byte> stored, const std::string& type,
-                std::span<float> values) {
+float LargestMagnitude(std::span<const float> values) {
+  using namespace internal;
+  return std::bit_cast<float>(
+      HWY_DYNAMIC_DISPATCH(LargestBitsKernel)(values.data(), values.size()));
+}
+
+Status ToStored(std::span<const float> values, const Coding& coding, std::span<std::byte> stored) {
+  using namespace internal;
+  const auto& [type, scale] = coding;
+  const size_t count = values.size();
+  if (type == kFloat) {
+    if (!std::isfinite(LargestMagnitude(values))) {
+      return InvalidArgument("a coefficient is not finite");
+    }
+    std::memcpy(stored.data(), values.data(), values.size_bytes());
+    return absl::OkStatus();
+  }
+  const auto most = static_cast<float>(MostOfType(type));
+  bool fits = false;
   if (type == kShort) {
-    Unpack<int16_t>(stored, values);
+    auto* out = reinterpret_cast<int16_t*>(stored.data());
+    fits = HWY_DYNAMIC_DISPATCH(Pack16Kernel)(values.data(), count, scale, most, out);
+  } else {
+    auto* out = reinterpret_cast<int32_t*>(stored.data());
+    fits = HWY_DYNAMIC_DISPATCH(Pack32Kernel)(values.data(), count, scale, most, out);
+  }
+  if (!fits) {
+    return InvalidArgument("a coefficient is not a whole number that {} can hold, times {}", type,
+                           scale);
+  }
+  return absl::OkStatus();
+}
+
+void FromStored(std::span<const std::byte> stored, const Coding& coding, std::span<float> values) {
+  using namespace internal;
+  const auto& [type, scale] = coding;
+  if (type == kShort) {
+    const auto* from = reinterpret_cast<const int16_t*>(stored.data());
+    HWY_DYNAMIC_DISPATCH(Unpack16Kernel)(from, values.size(), scale, values.data());
   } else if (type == kLong) {
-    Unpack<int32_t>(stored, values);
+    const auto* from = reinterpret_cast<const int32_t*>(stored.data());
+    HWY_DYNAMIC_DISPATCH(Unpack32Kernel)(from, values.size(), scale, values.data());
   } else {
     std::memcpy(values.data(), stored.data(), stored.size());
   }
 }
 
+Status RoundToStored(const Coding& coding, std::span<float> values) {
+  using namespace internal;
+  const auto most = static_cast<float>(MostOfType(coding.type));
+  const float largest = LargestMagnitude(values);
+  if (!HWY_DYNAMIC_DISPATCH(RoundKernel)(values.size(), coding.scale, most, values.data())) {
+    return OutOfRange("a coefficient of {} is more than {} holds at a scale of {}", largest,
+                      coding.type, coding.scale);
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace fovea::store
+#endif  // HWY_ONCE

@@ -5,29 +5,40 @@
 #include <cstdint>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "engine/base/status.h"
 #include "engine/volume/basis.h"
 
-/// The types that coefficients are stored as: float32, or for reversible integer transforms int16
-/// and int32. In memory all are floats, which hold those whole numbers exactly that transforms of 8
-/// and 16 bits make.
+/// The types that coefficients are stored as: float32, or int16 and int32, times a scale. In memory
+/// all are floats, which hold those whole numbers exactly that transforms of 8 and 16 bits make.
 namespace fovea::store {
 
-/// INVALID_ARGUMENT, naming the types, unless `type` is one of them and `wavelet` can have it.
-[[nodiscard]] Status CheckStoredType(const std::string& type, Wavelet wavelet);
-/// Whether coefficients of a known type are of the reversible integer transform.
+/// How values are stored: value = number of this type * scale. The scale of float32 is 1.
+struct Coding {
+  std::string type = "float32";
+  float scale = 1;
+};
+
+/// INVALID_ARGUMENT, naming the types, unless `type` is one of them.
+[[nodiscard]] Status CheckStoredType(const std::string& type);
 [[nodiscard]] bool IsIntegerType(const std::string& type);
 [[nodiscard]] int64_t BytesOfType(const std::string& type);
+/// The largest whole number that may be stored as this integer type.
+[[nodiscard]] int32_t MostOfType(const std::string& type);
 
-/// Little-endian bytes of values of a known type. INVALID_ARGUMENT if a value is not finite or, of
-/// an integer type, not a whole number in its range.
-[[nodiscard]] StatusOr<std::vector<std::byte>> ToStored(std::span<const float> values,
-                                                        const std::string& type);
-/// The reverse; `stored` holds values.size() values.
-void FromStored(std::span<const std::byte> stored, const std::string& type,
-                std::span<float> values);
+/// The largest |value|; not finite if one of them is not.
+[[nodiscard]] float LargestMagnitude(std::span<const float> values);
+
+/// Fills `stored` with the little-endian values of a known type, values.size() of them.
+/// INVALID_ARGUMENT if a value is not finite or, of an integer type, not a whole number in its
+/// range times the scale.
+[[nodiscard]] Status ToStored(std::span<const float> values, const Coding& coding,
+                              std::span<std::byte> stored);
+/// The reverse.
+void FromStored(std::span<const std::byte> stored, const Coding& coding, std::span<float> values);
+/// Makes every value the nearest one that an integer type can store. OUT_OF_RANGE if one of them
+/// is more than it holds.
+[[nodiscard]] Status RoundToStored(const Coding& coding, std::span<float> values);
 
 }  // namespace fovea::store
 

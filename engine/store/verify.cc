@@ -51,6 +51,8 @@ class Verifier {
   void ListFiles(const ArraySpec& array);
   /// Reads one chunk file; false and a problem if it is missing or damaged.
   bool CheckFile(const std::string& path, std::span<std::byte> raw);
+  /// Counts a file that was read, or notes why it was not.
+  bool CountFile(const std::string& path, const StatusOr<int64_t>& read);
   void CheckSeries(int64_t step);
   void CheckTimes(int64_t step, SeriesChunk<int64_t>* times);
   void CheckLevel(const std::string& field, const LevelLayout& layout, int64_t step);
@@ -147,7 +149,10 @@ void Verifier::CheckMetadata() {
 }
 
 bool Verifier::CheckFile(const std::string& path, std::span<std::byte> raw) {
-  const StatusOr<int64_t> read = ReadChunkFile(files_, path, raw);
+  return CountFile(path, ReadChunkFile(files_, path, raw));
+}
+
+bool Verifier::CountFile(const std::string& path, const StatusOr<int64_t>& read) {
   if (!read.ok()) {
     Problem(absl::IsNotFound(read.status()) ? fmt::format("{} is missing", path)
                                             : std::string(MessageOf(read.status())));
@@ -196,13 +201,12 @@ void Verifier::CheckSeries(int64_t step) {
 void Verifier::CheckStep(int64_t step) {
   CheckSeries(step);
   for (const FieldInfo& field : info_.fields) {
-    std::vector<std::byte> coarse(
-        static_cast<size_t>(info_.hierarchy.DimsAt(0).Product() * BytesOfType(field.type)));
-    CheckFile(fmt::format("{}/{}/{}", path_, CoarsePath(field.name),
-                          SpaceChunkName(step, {0, 0, 0}, /*with_bands=*/false)),
-              coarse);
+    std::vector<float> coarse(static_cast<size_t>(info_.hierarchy.DimsAt(0).Product()));
+    const std::string path = fmt::format("{}/{}/{}", path_, CoarsePath(field.name),
+                                         SpaceChunkName(step, {0, 0, 0}, /*with_bands=*/false));
+    CountFile(path, ReadValuesFile(files_, path, CoarseCoding(field), coarse));
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {
-      CheckLevel(field.name, LevelLayout::Make(info_, field.type, level), step);
+      CheckLevel(field.name, LevelLayout::Make(info_, field, level), step);
     }
   }
 }
@@ -276,17 +280,14 @@ void Verifier::CheckShard(const LevelLayout& layout, const std::string& path, co
 }
 
 /// Reads and decodes one chunk; its largest |coefficient|.
-StatusOr<float> LargestOf(const ReadableFile& file, const ShardEntry& entry,
-                          const std::string& type, Decoder* decoder, std::vector<float>* values) {
+StatusOr<float> LargestOf(const ReadableFile& file, const ShardEntry& entry, const Coding& coding,
+                          Decoder* decoder, std::vector<float>* values) {
   std::vector<std::byte> bytes(entry.bytes);
   FOVEA_RETURN_IF_ERROR(file.ReadAt(static_cast<int64_t>(entry.offset), bytes));
-  FOVEA_RETURN_IF_ERROR(decoder->DecodeValues(bytes, type, *values));
-  float largest = 0;
-  for (const float value : *values) {
-    if (!std::isfinite(value)) {
-      return DataLoss("a coefficient is not finite");
-    }
-    largest = std::max(largest, std::fabs(value));
+  FOVEA_RETURN_IF_ERROR(decoder->DecodeValues(bytes, coding, *values));
+  const float largest = LargestMagnitude(*values);
+  if (!std::isfinite(largest)) {
+    return DataLoss("a coefficient is not finite");
   }
   return largest;
 }
@@ -299,7 +300,7 @@ void Verifier::CheckChunks(const LevelLayout& layout, const ReadableFile& file,
     std::vector<float> values(static_cast<size_t>(layout.ChunkValues()));
     for (int64_t i = first; i < last; ++i) {
       const auto at = static_cast<size_t>(i);
-      results[at] = LargestOf(file, chunks[at].second, layout.type, &decoder, &values);
+      results[at] = LargestOf(file, chunks[at].second, layout.coding, &decoder, &values);
     }
   });
   report_.chunks += chunks.size();

@@ -8,12 +8,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <random>
 #include <span>
@@ -22,10 +24,12 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/fovea/retained_set.h"
+#include "engine/store/blosc.h"
 #include "engine/store/codec.h"
 #include "engine/store/dataset.h"
 #include "engine/store/dataset_writer.h"
-#include "engine/wavelet/haar.h"
+#include "engine/store/stored_type.h"
+#include "engine/wavelet/transform.h"
 
 namespace fovea::store {
 namespace {
@@ -66,13 +70,15 @@ std::vector<float> ReadVolume(const std::string& path, const Int3& dims) {
 struct Volume {
   Int3 dims;
   std::vector<float> values;
+  bool is_whole = false;  // all values are whole numbers
 };
 
-CoefficientSet Transform(const Volume& volume, int64_t edge, FieldStats* stats) {
+CoefficientSet Transform(const Volume& volume, int64_t edge, const Basis& basis,
+                         FieldStats* stats) {
   BrickGrid voxels(volume.dims, edge, 1, 0.0F);
   voxels.CopyIn(Box3::OfSize(volume.dims), volume.values);
   *stats = ComputeStats(voxels);
-  return wavelet::ForwardHaar(voxels, ValueOf(Hierarchy::Make(volume.dims)), 0);
+  return wavelet::Forward(voxels, ValueOf(Hierarchy::Make(volume.dims)), basis, 0);
 }
 
 void DropFromPageCache(const std::string& folder) {
@@ -147,7 +153,7 @@ void MeasureRate(Dataset* dataset, int64_t edge, double rate) {
 void MeasureEdge(const Volume& volume, const std::string& folder, int64_t edge) {
   FieldStats stats;
   Stopwatch watch;
-  const CoefficientSet set = Transform(volume, edge, &stats);
+  const CoefficientSet set = Transform(volume, edge, {}, &stats);
   const double transform_ms = watch.ElapsedMs();
   DatasetInfo info;
   info.hierarchy = set.hierarchy;
@@ -176,43 +182,63 @@ void MeasureEdge(const Volume& volume, const std::string& folder, int64_t edge) 
   fs::remove_all(path);
 }
 
-/// The first bytes of all values, then the second ...
-std::vector<std::byte> Shuffled(std::span<const std::byte> raw) {
-  const size_t count = raw.size() / sizeof(float);
-  std::vector<std::byte> shuffled(raw.size());
-  for (size_t i = 0; i < raw.size(); ++i) {
-    shuffled[i % sizeof(float) * count + i / sizeof(float)] = raw[i];
+/// What is stored of all chunks of a set, as `coding`.
+std::vector<std::vector<std::byte>> StoredChunks(const CoefficientSet& set, const Coding& coding) {
+  std::vector<std::vector<std::byte>> chunks;
+  for (const BrickGrid& level : set.detail) {
+    for (const auto& [at, brick] : level.bricks()) {
+      chunks.emplace_back(brick.size() * static_cast<size_t>(BytesOfType(coding.type)));
+      Check(ToStored(brick, coding, chunks.back()));
+    }
   }
-  return shuffled;
+  return chunks;
 }
 
-/// All chunks of the finest level through one codec, on one thread. Shuffling is not timed.
-void MeasureCodec(const CoefficientSet& set, int level, bool shuffle) {
-  std::vector<std::vector<std::byte>> raw;
-  for (const auto& [at, brick] : set.detail.back().bricks()) {
-    const auto bytes = std::as_bytes(std::span(brick));
-    raw.push_back(shuffle ? Shuffled(bytes) : std::vector<std::byte>(bytes.begin(), bytes.end()));
-  }
-  Encoder encoder(level);
-  Decoder decoder;
+using Coder = std::function<std::vector<std::byte>(std::span<const std::byte>)>;
+using Uncoder = std::function<void(std::span<const std::byte>, std::span<std::byte>)>;
+
+/// All chunks through one codec, on one thread.
+void MeasureCodec(const char* name, const std::vector<std::vector<std::byte>>& chunks,
+                  const Coder& encode, const Uncoder& decode) {
   std::vector<std::vector<std::byte>> encoded;
   double raw_bytes = 0;
   double encoded_bytes = 0;
   Stopwatch watch;
-  for (const auto& chunk : raw) {
-    encoded.push_back(ValueOf(encoder.Encode(chunk)));
+  for (const auto& chunk : chunks) {
+    encoded.push_back(encode(chunk));
     raw_bytes += static_cast<double>(chunk.size());
     encoded_bytes += static_cast<double>(encoded.back().size());
   }
   const double encode_ms = watch.RestartMs();
-  std::vector<std::byte> decoded(raw.front().size());
+  std::vector<std::byte> decoded(chunks.front().size());
   for (const auto& chunk : encoded) {
-    Check(decoder.Decode(chunk, decoded));
+    decode(chunk, decoded);
   }
   const double decode_ms = watch.ElapsedMs();
-  std::printf("| %2d | %-7s | %7.2f | %5.2f | %6.0f | %6.0f |\n", level, shuffle ? "yes" : "no",
-              encoded_bytes / 1e6, raw_bytes / encoded_bytes, raw_bytes / 1e3 / encode_ms,
-              raw_bytes / 1e3 / decode_ms);
+  std::printf("| %-26s | %7.2f | %5.2f | %6.0f | %6.0f |\n", name, encoded_bytes / 1e6,
+              raw_bytes / encoded_bytes, raw_bytes / 1e3 / encode_ms, raw_bytes / 1e3 / decode_ms);
+}
+
+void MeasureCodecs(const std::string& type, const std::vector<std::vector<std::byte>>& chunks) {
+  const auto width = static_cast<int>(BytesOfType(type));
+  MeasureCodec((type + ", zstd").c_str(), chunks,
+               [](std::span<const std::byte> raw) { return ValueOf(Encoder().Encode(raw)); },
+               [](std::span<const std::byte> encoded, std::span<std::byte> raw) {
+                 Check(Decoder().Decode(encoded, raw));
+               });
+  for (const Filter filter : {Filter::kShuffle, Filter::kBitShuffle}) {
+    BloscEncoder encoder;
+    BloscDecoder decoder;
+    MeasureCodec((type + (filter == Filter::kShuffle ? ", shuffle" : ", bit shuffle")).c_str(),
+                 chunks,
+                 [&](std::span<const std::byte> raw) {
+                   const auto chunk = ValueOf(encoder.Encode(raw, width, filter));
+                   return std::vector<std::byte>(chunk.begin(), chunk.end());
+                 },
+                 [&](std::span<const std::byte> encoded, std::span<std::byte> raw) {
+                   Check(decoder.Decode(encoded, width, raw));
+                 });
+  }
 }
 
 void Run(const Volume& volume, const std::string& folder) {
@@ -222,13 +248,14 @@ void Run(const Volume& volume, const std::string& folder) {
     MeasureEdge(volume, folder, edge);
   }
   FieldStats stats;
-  const CoefficientSet set = Transform(volume, 16, &stats);
-  std::printf("\n| zstd level | shuffle | MB | ratio | encode MB/s | decode MB/s |\n");
-  std::printf("| ---: | --- | ---: | ---: | ---: | ---: |\n");
-  for (const bool shuffle : {false, true}) {
-    for (const int level : {1, 3, 5, 9}) {
-      MeasureCodec(set, level, shuffle);
-    }
+  std::printf("\n| stored as | MB | ratio | encode MB/s | decode MB/s |\n");
+  std::printf("| --- | ---: | ---: | ---: | ---: |\n");
+  const CoefficientSet floats = Transform(volume, 16, {}, &stats);
+  MeasureCodecs("float32", StoredChunks(floats, {}));
+  if (volume.is_whole) {
+    const CoefficientSet whole = Transform(volume, 16, {Wavelet::kHaar, true}, &stats);
+    MeasureCodecs("int16", StoredChunks(whole, {"int16", 1}));
+    MeasureCodecs("int32", StoredChunks(whole, {"int32", 1}));
   }
 }
 
@@ -242,6 +269,9 @@ int main(int argc, char** argv) {
   }
   using fovea::store::ReadVolume;
   const fovea::Int3 dims{std::atoi(argv[2]), std::atoi(argv[3]), std::atoi(argv[4])};
-  fovea::store::Run({dims, ReadVolume(argv[1], dims)}, argc == 6 ? argv[5] : ".");
+  fovea::store::Volume volume{dims, ReadVolume(argv[1], dims)};
+  volume.is_whole = std::all_of(volume.values.begin(), volume.values.end(),
+                                [](float value) { return value == std::floor(value); });
+  fovea::store::Run(volume, argc == 6 ? argv[5] : ".");
   return 0;
 }

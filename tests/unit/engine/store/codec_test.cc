@@ -87,5 +87,39 @@ TEST(Codec, CarriesTheChecksumOfZstdToo) {
               FailsWith(absl::StatusCode::kDataLoss, "checksum"));
 }
 
+TEST(Codec, GivesBackCoefficientsAndFindsFlippedBits) {
+  std::vector<float> values(343);
+  for (size_t i = 0; i < values.size(); ++i) {
+    values[i] = static_cast<float>(static_cast<int>(i * i % 101) - 50);
+  }
+  for (const Coding& coding : {Coding{"float32", 1}, Coding{"int16", 1}, Coding{"int32", 0.5F}}) {
+    ASSERT_OK_AND_ASSIGN(auto encoded, Encoder().EncodeValues(values, coding));
+    EXPECT_LE(std::ssize(encoded), MaxEncodedBytes(std::ssize(values) * BytesOfType(coding.type)));
+    std::vector<float> back(values.size());
+    ASSERT_OK(Decoder().DecodeValues(encoded, coding, back));
+    EXPECT_EQ(back, values);
+    for (std::byte& byte : encoded) {
+      byte ^= std::byte{4};
+      EXPECT_THAT(Decoder().DecodeValues(encoded, coding, back),
+                  FailsWith(absl::StatusCode::kDataLoss, "checksum"));
+      byte ^= std::byte{4};
+    }
+  }
+}
+
+/// Other libraries that read the store check no CRC32C: zstd's checksum is there for them.
+TEST(Codec, CarriesTheChecksumOfZstdInBloscToo) {
+  const std::vector<float> values(4096, 2.0F);
+  for (const Coding& coding : {Coding{"float32", 1}, Coding{"int16", 1}}) {
+    ASSERT_OK_AND_ASSIGN(std::vector<std::byte> encoded, Encoder().EncodeValues(values, coding));
+    encoded.resize(encoded.size() - 4);  // our own checksum
+    encoded.back() ^= std::byte{1};      // the last byte of zstd's
+    AppendCrc32c(encoded);
+    std::vector<float> back(values.size());
+    EXPECT_THAT(Decoder().DecodeValues(encoded, coding, back),
+                FailsWith(absl::StatusCode::kDataLoss, "checksum"));
+  }
+}
+
 }  // namespace
 }  // namespace fovea::store

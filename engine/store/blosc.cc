@@ -1,0 +1,269 @@
+#include "engine/store/blosc.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <limits>
+
+#include <zstd.h>
+
+#include "engine/store/shuffle.h"
+
+namespace fovea::store {
+namespace {
+
+constexpr uint8_t kVersion = 2;      // of the format
+constexpr uint8_t kZstdVersion = 1;  // of zstd in it
+constexpr uint8_t kShuffled = 0x01;
+constexpr uint8_t kCopied = 0x02;
+constexpr uint8_t kBitShuffled = 0x04;
+constexpr uint8_t kOneStream = 0x10;
+constexpr uint8_t kZstdFormat = 4 << 5;
+constexpr uint8_t kFormatMask = 7 << 5;
+constexpr size_t kHeaderBytes = kBloscHeaderBytes;
+/// Where the only block begins: behind the header and its one offset.
+constexpr size_t kBlockOffset = kHeaderBytes + sizeof(uint32_t);
+
+/// The block of bit planes is compressed in so many pieces with Huffman tables of their own: planes
+/// of noise, and planes of almost nothing, share none (docs/decisions/0015).
+constexpr size_t kPieces = 4;
+
+/// Planes of fewer bytes share a stream: older Blosc libraries take them for such, whatever is
+/// said.
+constexpr size_t kLeastSplit = 256;
+
+struct Header {
+  uint8_t version = kVersion;
+  uint8_t inner_version = kZstdVersion;
+  uint8_t flags = 0;
+  uint8_t type_bytes = 0;
+  uint32_t bytes = 0;        // of the values
+  uint32_t block_bytes = 0;  // the same: one block
+  uint32_t chunk_bytes = 0;  // header included
+};
+static_assert(sizeof(Header) == kHeaderBytes);
+
+template <typename T>
+void Put(const T& value, std::vector<std::byte>* out, size_t at) {
+  std::memcpy(out->data() + at, &value, sizeof(T));
+}
+
+}  // namespace
+
+struct BloscEncoder::State {
+  ZSTD_CCtx* bytes = ZSTD_createCCtx();  // for planes of bytes
+  ZSTD_CCtx* bits = ZSTD_createCCtx();   // for planes of bits
+  std::vector<std::byte> scratch, planes, chunk;
+  size_t size = 0;  // of `chunk` so far
+
+  State();
+  ~State() {
+    ZSTD_freeCCtx(bytes);
+    ZSTD_freeCCtx(bits);
+  }
+  /// Appends one stream, of the bytes as they are if they do not get smaller.
+  void AppendPlane(std::span<const std::byte> plane);
+  /// Appends all planes of bits as one stream; false if they do not get smaller.
+  [[nodiscard]] bool AppendBits(std::span<const std::byte> all);
+};
+
+// Parameters by measurement (docs/decisions/0015). Bytes: only long matches are worth a sequence,
+// and a table that stays in the first cache finds them. Bits: matches of a plane with the next one.
+BloscEncoder::State::State() {
+  ZSTD_CCtx_setParameter(bytes, ZSTD_c_compressionLevel, 1);
+  ZSTD_CCtx_setParameter(bytes, ZSTD_c_minMatch, 7);
+  ZSTD_CCtx_setParameter(bytes, ZSTD_c_hashLog, 10);
+  ZSTD_CCtx_setParameter(bytes, ZSTD_c_checksumFlag, 1);
+  ZSTD_CCtx_setParameter(bits, ZSTD_c_compressionLevel, 3);
+  ZSTD_CCtx_setParameter(bits, ZSTD_c_checksumFlag, 1);
+}
+
+void BloscEncoder::State::AppendPlane(std::span<const std::byte> plane) {
+  const size_t start = size + sizeof(uint32_t);
+  size_t stream =
+      ZSTD_compress2(bytes, chunk.data() + start, chunk.size() - start, plane.data(), plane.size());
+  if (ZSTD_isError(stream) != 0 || stream >= plane.size()) {
+    std::memcpy(chunk.data() + start, plane.data(), plane.size());
+    stream = plane.size();  // this says that it was copied
+  }
+  Put(static_cast<uint32_t>(stream), &chunk, size);
+  size = start + stream;
+}
+
+bool BloscEncoder::State::AppendBits(std::span<const std::byte> all) {
+  const size_t start = size + sizeof(uint32_t);
+  ZSTD_CCtx_reset(bits, ZSTD_reset_session_only);
+  ZSTD_CCtx_setPledgedSrcSize(bits, all.size());
+  ZSTD_outBuffer out{chunk.data() + start, chunk.size() - start, 0};
+  const size_t piece = (all.size() + kPieces - 1) / kPieces;
+  for (size_t from = 0; from < all.size(); from += piece) {
+    const size_t count = std::min(piece, all.size() - from);
+    ZSTD_inBuffer in{all.data() + from, count, 0};
+    const bool last = from + count == all.size();
+    if (ZSTD_compressStream2(bits, &out, &in, last ? ZSTD_e_end : ZSTD_e_flush) != 0) {
+      return false;  // an error, or no room
+    }
+  }
+  if (out.pos >= all.size()) {
+    return false;
+  }
+  Put(static_cast<uint32_t>(out.pos), &chunk, size);
+  size = start + out.pos;
+  return true;
+}
+
+BloscEncoder::BloscEncoder() : state_(std::make_unique<State>()) {}
+
+BloscEncoder::~BloscEncoder() = default;
+
+StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::byte> values,
+                                                          int type_bytes, Filter filter) {
+  State& s = *state_;
+  const auto width = static_cast<size_t>(type_bytes);
+  const size_t count = values.size() / width;
+  if (values.size() > std::numeric_limits<int32_t>::max() / 2 || count * width != values.size()) {
+    return Internal("{} bytes of values of {} cannot be a chunk", values.size(), type_bytes);
+  }
+  s.scratch.resize(values.size());
+  s.planes.resize(values.size());
+  s.chunk.resize(kBlockOffset + values.size() + width * sizeof(uint32_t) + 64);
+  Header header;
+  header.type_bytes = static_cast<uint8_t>(type_bytes);
+  header.bytes = header.block_bytes = static_cast<uint32_t>(values.size());
+  s.size = kBlockOffset;
+  Put(static_cast<uint32_t>(kBlockOffset), &s.chunk, kHeaderBytes);
+  bool smaller = true;
+  if (filter == Filter::kBitShuffle && count % 8 == 0) {
+    header.flags = kBitShuffled | kOneStream | kZstdFormat;
+    ShuffleBits(values.data(), count, type_bytes, s.scratch.data(), s.planes.data());
+    smaller = s.AppendBits(s.planes);
+  } else {
+    header.flags = kShuffled | kZstdFormat;
+    ShuffleBytes(values.data(), count, type_bytes, s.planes.data());
+    const size_t stream = count < kLeastSplit ? values.size() : count;
+    header.flags = static_cast<uint8_t>(header.flags | (count < kLeastSplit ? kOneStream : 0));
+    for (size_t at = 0; at < values.size(); at += stream) {
+      s.AppendPlane(std::span(s.planes).subspan(at, stream));
+    }
+  }
+  if (!smaller || s.size >= kHeaderBytes + values.size()) {
+    header.flags = static_cast<uint8_t>(header.flags | kCopied);
+    std::memcpy(s.chunk.data() + kHeaderBytes, values.data(), values.size());
+    s.size = kHeaderBytes + values.size();
+  }
+  header.chunk_bytes = static_cast<uint32_t>(s.size);
+  Put(header, &s.chunk, 0);
+  return std::span<const std::byte>(s.chunk.data(), s.size);
+}
+
+struct BloscDecoder::State {
+  ZSTD_DCtx* context = ZSTD_createDCtx();
+  std::vector<std::byte> planes, scratch;
+  ~State() { ZSTD_freeDCtx(context); }
+  /// Fills `planes` with streams of equal size.
+  [[nodiscard]] Status ReadStreams(std::span<const std::byte> block, size_t streams);
+  [[nodiscard]] Status ReadStream(std::span<const std::byte> stream, std::span<std::byte> plane);
+};
+
+// Decoding is into a buffer of known size in one call: no frame, whatever it claims, makes zstd
+// allocate a window or write past the end.
+Status BloscDecoder::State::ReadStream(std::span<const std::byte> stream,
+                                       std::span<std::byte> plane) {
+  if (stream.size() == plane.size()) {
+    std::memcpy(plane.data(), stream.data(), plane.size());
+    return absl::OkStatus();
+  }
+  const size_t size =
+      ZSTD_decompressDCtx(context, plane.data(), plane.size(), stream.data(), stream.size());
+  if (ZSTD_isError(size) != 0) {
+    return DataLoss("zstd cannot decompress it: {}", ZSTD_getErrorName(size));
+  }
+  if (size != plane.size()) {
+    return DataLoss("{} bytes instead of {}", size, plane.size());
+  }
+  return absl::OkStatus();
+}
+
+Status BloscDecoder::State::ReadStreams(std::span<const std::byte> block, size_t streams) {
+  const size_t plane = planes.size() / streams;
+  for (size_t stream = 0; stream < streams; ++stream) {
+    uint32_t bytes = 0;
+    if (block.size() < sizeof(bytes)) {
+      return DataLoss("its Blosc chunk ends too early");
+    }
+    std::memcpy(&bytes, block.data(), sizeof(bytes));
+    block = block.subspan(sizeof(bytes));
+    if (bytes > block.size()) {
+      return DataLoss("its Blosc chunk ends too early");
+    }
+    FOVEA_RETURN_IF_ERROR(
+        ReadStream(block.first(bytes), std::span(planes).subspan(stream * plane, plane)));
+    block = block.subspan(bytes);
+  }
+  return absl::OkStatus();
+}
+
+BloscDecoder::BloscDecoder() : state_(std::make_unique<State>()) {}
+
+BloscDecoder::~BloscDecoder() = default;
+
+namespace {
+
+/// The header of a chunk that says what it must.
+StatusOr<Header> CheckHeader(std::span<const std::byte> chunk, int type_bytes, size_t bytes) {
+  Header header;
+  if (chunk.size() < kHeaderBytes) {
+    return DataLoss("{} bytes are too few for a Blosc chunk", chunk.size());
+  }
+  std::memcpy(&header, chunk.data(), kHeaderBytes);
+  const bool is_copied = (header.flags & kCopied) != 0;
+  if (header.version != kVersion || header.type_bytes != type_bytes ||
+      header.chunk_bytes != chunk.size() ||
+      (!is_copied && (header.flags & kFormatMask) != kZstdFormat)) {
+    return DataLoss("its Blosc header is not that of values of {} bytes in zstd", type_bytes);
+  }
+  if (header.bytes != bytes || (!is_copied && header.block_bytes != bytes)) {
+    return DataLoss("its Blosc header does not say that it holds {} bytes in one block", bytes);
+  }
+  return header;
+}
+
+}  // namespace
+
+Status BloscDecoder::Decode(std::span<const std::byte> chunk, int type_bytes,
+                            std::span<std::byte> values) {
+  State& s = *state_;
+  FOVEA_ASSIGN_OR_RETURN(const Header header, CheckHeader(chunk, type_bytes, values.size()));
+  if ((header.flags & kCopied) != 0) {
+    if (chunk.size() != kHeaderBytes + values.size()) {
+      return DataLoss("its Blosc chunk has {} bytes instead of {}", chunk.size(),
+                      kHeaderBytes + values.size());
+    }
+    std::memcpy(values.data(), chunk.data() + kHeaderBytes, values.size());
+    return absl::OkStatus();
+  }
+  const auto width = static_cast<size_t>(type_bytes);
+  const size_t count = values.size() / width;
+  uint32_t start = 0;
+  if (chunk.size() >= kBlockOffset) {
+    std::memcpy(&start, chunk.data() + kHeaderBytes, sizeof(start));
+  }
+  const bool is_bits = (header.flags & kBitShuffled) != 0;
+  if (start != kBlockOffset || count * width != values.size() || (is_bits && count % 8 != 0)) {
+    return DataLoss("its Blosc chunk is not one block of values of {} bytes", type_bytes);
+  }
+  s.planes.resize(values.size());
+  s.scratch.resize(values.size());
+  FOVEA_RETURN_IF_ERROR(
+      s.ReadStreams(chunk.subspan(start), (header.flags & kOneStream) != 0 ? 1 : width));
+  if (is_bits) {
+    UnshuffleBits(s.planes.data(), count, type_bytes, s.scratch.data(), values.data());
+  } else if ((header.flags & kShuffled) != 0) {
+    UnshuffleBytes(s.planes.data(), count, type_bytes, values.data());
+  } else {
+    std::memcpy(values.data(), s.planes.data(), values.size());
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace fovea::store
