@@ -56,6 +56,28 @@ StatusOr<render::TransferFunction> DefaultTransferOfField(store::Dataset& datase
   return render::DefaultTransferFunction(sampled.stats, info.hierarchy);
 }
 
+/// The field of datasets of scattered readings that says where values were measured.
+constexpr const char* kCoverageField = "coverage";
+
+/// Where most was measured, if the dataset knows that; else the densest region of `field`.
+StatusOr<Vec3> DefaultFoveaOfStep(store::Dataset& dataset, int64_t step, const std::string& field,
+                                  const FieldStats& stats) {
+  const std::vector<store::FieldInfo> fields = dataset.info().fields;
+  std::string shown = field;
+  FieldStats of_shown = stats;
+  if (std::any_of(fields.begin(), fields.end(),
+                  [](const store::FieldInfo& info) { return info.name == kCoverageField; })) {
+    FOVEA_ASSIGN_OR_RETURN(const FieldStats coverage, dataset.Stats(step, kCoverageField));
+    if (coverage.maximum > 0) {
+      shown = kCoverageField;
+      of_shown = {};
+      of_shown.histogram[0] = 1;  // its background is 0, whatever most voxels have
+    }
+  }
+  FOVEA_ASSIGN_OR_RETURN(const auto source, dataset.OpenStep(step, shown, store::OnDamage::kCount));
+  return render::DefaultFovea(*source, of_shown);
+}
+
 StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& field) {
   const store::DatasetInfo info = dataset.info();
   if (info.committed_steps == 0) {
@@ -70,9 +92,8 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
     };
     fullest = mass(i) > mass(fullest) ? i : fullest;
   }
-  FOVEA_ASSIGN_OR_RETURN(const auto source,
-                         dataset.OpenStep(sampled.steps[fullest], field, store::OnDamage::kCount));
-  FOVEA_ASSIGN_OR_RETURN(const Vec3 fovea, render::DefaultFovea(*source, sampled.stats[fullest]));
+  FOVEA_ASSIGN_OR_RETURN(const Vec3 fovea, DefaultFoveaOfStep(dataset, sampled.steps[fullest],
+                                                              field, sampled.stats[fullest]));
 
   const render::OrthographicView view =
       render::Resolved({}, info.hierarchy.dims(), info.index_to_world);

@@ -21,6 +21,7 @@
 #include "engine/sensors/morton.h"
 #include "ingest/sensors/sensor_ingest.h"
 #include "ingest/sensors/voxel_box.h"
+#include "service/frames/frames.h"
 #include "tests/support/status_matchers.h"
 #include "tests/system/ingest/ingested.h"
 
@@ -241,6 +242,29 @@ TEST_F(SensorsTest, SeveralValuesBecomeSeveralFieldsAndAHeldStepHasNoCoverage) {
   EXPECT_THAT(coverage.values, ::testing::Each(0.0F));
   ASSERT_OK_AND_ASSIGN(const Grid last, StoredVoxels(options.output, 2, "T__C_"));
   EXPECT_THAT(last.values, ::testing::Each(30.0F));
+}
+
+/// What nobody said follows the sensors: the default fovea lies where they are dense, although the
+/// values that differ most from the background lie elsewhere.
+TEST_F(SensorsTest, TheDefaultFoveaIsWhereTheSensorsAre) {
+  std::vector<Row> rows = SomeRows(50, 1);
+  for (Row& row : rows) {
+    row.value = row.x > 48 ? 1000 : 0;
+  }
+  std::mt19937 random(8);
+  for (int i = 0; i < 2000; ++i) {
+    const auto place = [&] { return 4 + static_cast<float>(random() % 96) / 8; };
+    const float x = place(), y = place(), z = place();
+    rows.push_back({x, y, z, 0, 0});
+  }
+  const SensorOptions options = Options("a.f32", Records(rows));
+  ASSERT_OK_AND_ASSIGN(const SensorReport report, Ingest(options));
+  ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+  ASSERT_OK_AND_ASSIGN(const frames::FrameSpec spec, frames::DefaultSpec(*dataset));
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(spec.fovea->at[axis], 5, 2.5);
+    EXPECT_NEAR(report.density.fovea[axis], 5, 1);
+  }
 }
 
 TEST_F(SensorsTest, ReachLeavesBackground) {
