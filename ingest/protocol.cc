@@ -183,6 +183,7 @@ Frame Encode(const Hello& message) {
   PayloadWriter writer;
   writer.Number(message.version).Number(message.landlock_abi);
   writer.Number(static_cast<uint8_t>(message.system_calls_filtered));
+  writer.Text(message.openvdb).Text(message.openimageio);
   return {FrameKind::kHello, writer.Take()};
 }
 
@@ -350,6 +351,8 @@ StatusOr<Hello> DecodeHello(const FrameView& frame) {
   }
   message.landlock_abi = reader.Number<uint32_t>();
   message.system_calls_filtered = reader.Number<uint8_t>() != 0;
+  message.openvdb = Printable(reader.Text());
+  message.openimageio = Printable(reader.Text());
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kHello, reader, "greeting"));
   return message;
 }

@@ -64,6 +64,8 @@ struct Hello {
   uint32_t version = kProtocolVersion;
   uint32_t landlock_abi = 0;  // 0: the kernel has none
   bool system_calls_filtered = false;
+  std::string openvdb = {};      // its version
+  std::string openimageio = {};  // its version; empty: not loaded
 };
 
 struct ScanRequest {

@@ -61,13 +61,15 @@ void StopLogThreads() {
 
 /// Learns which files may be read, loads what reading them needs, and gives up all the rest.
 StatusOr<Hello> Confined(Channel* channel) {
+  Hello hello;
   std::vector<std::string> files;
   while (true) {
     FOVEA_ASSIGN_OR_RETURN(const FrameView frame, channel->Receive(Channel::kNoDeadline));
     if (frame.kind != FrameKind::kFiles) {
       FOVEA_ASSIGN_OR_RETURN(const BeginRequest begin, DecodeBeginRequest(frame));
+      hello.openvdb = OpenVdbVersion();
       if (begin.pictures) {
-        FOVEA_RETURN_IF_ERROR(LoadPictureModule());
+        FOVEA_ASSIGN_OR_RETURN(hello.openimageio, LoadPictureModule());
       }
       break;
     }
@@ -76,8 +78,9 @@ StatusOr<Hello> Confined(Channel* channel) {
   }
   StopLogThreads();
   FOVEA_ASSIGN_OR_RETURN(const Confinement confinement, Confine(files));
-  return Hello{kProtocolVersion, static_cast<uint32_t>(confinement.landlock_abi),
-               confinement.system_calls_filtered};
+  hello.landlock_abi = static_cast<uint32_t>(confinement.landlock_abi);
+  hello.system_calls_filtered = confinement.system_calls_filtered;
+  return hello;
 }
 
 /// Answers requests until the other end closes.

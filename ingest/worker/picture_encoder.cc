@@ -16,24 +16,31 @@ namespace {
 constexpr int64_t kMaxSide = 65536;
 constexpr int64_t kMaxPixels = int64_t{1} << 28;
 
-StatusOr<FoveaEncodePicture> OpenModule() {
+struct PictureModule {
+  FoveaEncodePicture encode = nullptr;
+  FoveaPictureLibrary library = nullptr;
+};
+
+StatusOr<PictureModule> OpenModule() {
   std::error_code error;
   const std::filesystem::path path =
       std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / kFoveaPictureModule;
   void* module = ::dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-  void* symbol = module == nullptr ? nullptr : ::dlsym(module, kFoveaEncodePicture);
-  if (symbol == nullptr) {
+  void* encode = module == nullptr ? nullptr : ::dlsym(module, kFoveaEncodePicture);
+  void* library = encode == nullptr ? nullptr : ::dlsym(module, kFoveaPictureLibrary);
+  if (library == nullptr) {
     const char* reason = ::dlerror();  // NOLINT(concurrency-mt-unsafe)
     return FailedPrecondition("EXR and TIFF need the module '{}': {}", path.string(),
                               reason == nullptr ? "it is not there" : reason);
   }
-  return reinterpret_cast<FoveaEncodePicture>(symbol);
+  return PictureModule{reinterpret_cast<FoveaEncodePicture>(encode),
+                       reinterpret_cast<FoveaPictureLibrary>(library)};
 }
 
 /// Loaded once: a confined process cannot load it any more.
-const StatusOr<FoveaEncodePicture>& Encoder() {
-  static const StatusOr<FoveaEncodePicture> encoder = OpenModule();
-  return encoder;
+const StatusOr<PictureModule>& Module() {
+  static const StatusOr<PictureModule> module = OpenModule();
+  return module;
 }
 
 /// All the pixels are taken in before anything can fail, so that the program is never left talking.
@@ -54,8 +61,9 @@ StatusOr<std::vector<float>> ReceivePixels(int64_t values, Channel* channel) {
 
 }  // namespace
 
-Status LoadPictureModule() {
-  return Encoder().status();
+StatusOr<std::string> LoadPictureModule() {
+  FOVEA_ASSIGN_OR_RETURN(const PictureModule module, Module());
+  return module.library();
 }
 
 Status EncodePicture(const PictureRequest& request, Channel* channel) {
@@ -65,15 +73,15 @@ Status EncodePicture(const PictureRequest& request, Channel* channel) {
   }
   FOVEA_ASSIGN_OR_RETURN(const std::vector<float> rgba,
                          ReceivePixels(4 * request.width * request.height, channel));
-  FOVEA_ASSIGN_OR_RETURN(const FoveaEncodePicture encode, Encoder());
+  FOVEA_ASSIGN_OR_RETURN(const PictureModule module, Module());
   std::string encoded;
   char error[512] = "";
   const auto sink = [](void* context, const char* bytes, size_t count) {
     static_cast<std::string*>(context)->assign(bytes, count);
   };
-  if (!encode(request.format.c_str(), static_cast<int>(request.width),
-              static_cast<int>(request.height), rgba.data(), sink, &encoded, error,
-              sizeof(error))) {
+  if (!module.encode(request.format.c_str(), static_cast<int>(request.width),
+                     static_cast<int>(request.height), rgba.data(), sink, &encoded, error,
+                     sizeof(error))) {
     return Internal("{}", error);
   }
   for (size_t begin = 0; begin < encoded.size(); begin += kMaxPayloadBytes) {

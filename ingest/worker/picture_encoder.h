@@ -1,14 +1,16 @@
 #ifndef INGEST_WORKER_PICTURE_ENCODER_H_
 #define INGEST_WORKER_PICTURE_ENCODER_H_
 
+#include <string>
+
 #include "engine/base/status.h"
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
 
 namespace fovea::ingest {
 
-/// Loads the picture module (OpenImageIO), which a confined process cannot do any more.
-[[nodiscard]] Status LoadPictureModule();
+/// Loads the picture module, which a confined process cannot do any more; OpenImageIO's version.
+[[nodiscard]] StatusOr<std::string> LoadPictureModule();
 
 /// Receives the pixels that follow `request`, encodes them through the picture module and sends the
 /// bytes of the file.

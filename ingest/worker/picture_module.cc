@@ -51,3 +51,7 @@ extern "C" bool fovea_encode_picture(const char* format, int width, int height, 
   error[count] = '\0';
   return false;
 }
+
+extern "C" const char* fovea_picture_library() {
+  return OIIO_VERSION_STRING;
+}

@@ -14,9 +14,13 @@ using FoveaPictureSink = void (*)(void* context, const char* bytes, size_t count
 using FoveaEncodePicture = bool (*)(const char* format, int width, int height, const float* rgba,
                                     FoveaPictureSink sink, void* context, char* error,
                                     size_t error_bytes);
+
+/// The version of OpenImageIO, "2.4.7".
+using FoveaPictureLibrary = const char* (*)();
 }
 
 inline constexpr char kFoveaPictureModule[] = "fovea_oiio.so";
 inline constexpr char kFoveaEncodePicture[] = "fovea_encode_picture";
+inline constexpr char kFoveaPictureLibrary[] = "fovea_picture_library";
 
 #endif  // INGEST_WORKER_PICTURE_MODULE_H_

@@ -188,4 +188,8 @@ Status ReadVdb(const ReadRequest& request, Channel* channel) {
   });
 }
 
+std::string OpenVdbVersion() {
+  return openvdb::getLibraryVersionString();
+}
+
 }  // namespace fovea::ingest

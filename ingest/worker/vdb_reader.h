@@ -1,6 +1,8 @@
 #ifndef INGEST_WORKER_VDB_READER_H_
 #define INGEST_WORKER_VDB_READER_H_
 
+#include <string>
+
 #include "engine/base/status.h"
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
@@ -16,6 +18,9 @@ namespace fovea::ingest {
 
 /// Sends what the wanted grids hold inside the extent: every voxel and tile, active or not.
 [[nodiscard]] Status ReadVdb(const ReadRequest& request, Channel* channel);
+
+/// "10.0.1".
+[[nodiscard]] std::string OpenVdbVersion();
 
 }  // namespace fovea::ingest
 

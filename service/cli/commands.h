@@ -120,6 +120,11 @@ struct ServeCommand {
   std::vector<std::string> arguments;
 };
 
+struct DoctorCommand {
+  OutputOptions output;
+  std::optional<std::string> folder;
+};
+
 struct DemoCommand {
   OutputOptions output;
   std::string folder;
@@ -130,7 +135,7 @@ struct DemoCommand {
 
 using Command = std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand,
                              VerifyCommand, ExtractCommand, PlanCommand, RenderCommand,
-                             ExportCommand, BenchCommand, ServeCommand, DemoCommand>;
+                             ExportCommand, BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -153,6 +158,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const ExportCommand& command);
 [[nodiscard]] Status Run(const BenchCommand& command);
 [[nodiscard]] Status Run(const ServeCommand& command);
+[[nodiscard]] Status Run(const DoctorCommand& command);
 [[nodiscard]] Status Run(const DemoCommand& command);
 
 }  // namespace fovea::cli

@@ -24,6 +24,7 @@ CLI::App* AddRender(CLI::App* app, RenderCommand* command);
 CLI::App* AddExport(CLI::App* app, ExportCommand* command);
 CLI::App* AddBench(CLI::App* app, BenchCommand* command);
 CLI::App* AddServe(CLI::App* app, ServeCommand* command);
+CLI::App* AddDoctor(CLI::App* app, DoctorCommand* command);
 CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 
 /// May also fill in what follows from the rest. A verb without one has nothing to check.

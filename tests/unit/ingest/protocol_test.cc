@@ -71,9 +71,11 @@ TEST(ProtocolTest, FilesComeInAsManyFramesAsTheyTake) {
 }
 
 TEST(ProtocolTest, TheGreetingTellsHowTheWorkerIsConfined) {
-  ASSERT_OK_AND_ASSIGN(const Hello hello, DecodeHello(Encode(Hello{kProtocolVersion, 7, true})));
+  ASSERT_OK_AND_ASSIGN(const Hello hello, DecodeHello(Encode(Hello{kProtocolVersion, 7, true, "10.0", "2.4"})));
   EXPECT_EQ(hello.landlock_abi, 7U);
   EXPECT_TRUE(hello.system_calls_filtered);
+  EXPECT_EQ(hello.openvdb, "10.0");
+  EXPECT_EQ(hello.openimageio, "2.4");
   ASSERT_OK_AND_ASSIGN(const BeginRequest begin, DecodeBeginRequest(Encode(BeginRequest{true})));
   EXPECT_TRUE(begin.pictures);
   // Of another version, the rest of the greeting may be anything.
