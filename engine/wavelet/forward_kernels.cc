@@ -10,7 +10,7 @@
 // foreach_target.h must come first
 #include <hwy/highway.h>
 
-// A block is lifted along z, a row of children (even samples first, then the odd ones) at a time,
+// A strip is lifted along z, a row of children (even samples first, then the odd ones) at a time,
 // then slice by slice along y and x. Rows are padded to whole vectors, of at most kLanes values.
 
 #ifndef ENGINE_WAVELET_FORWARD_KERNELS_ONCE
@@ -24,17 +24,19 @@ constexpr int64_t Padded(int64_t count) {
   return (count + kLanes - 1) / kLanes * kLanes;
 }
 
-/// The sizes of a block of a wavelet made of lifting steps.
-struct BlockSizes {
-  int64_t pairs;     // of an even and an odd child on an axis, margins included
+/// The sizes of a strip of a wavelet made of lifting steps.
+struct StripSizes {
+  int64_t pairs;     // of an even and an odd child along y and z, margins included
   int64_t children;  // twice as many
+  int64_t row;       // pairs along x
   int64_t width;     // of a row in memory: evens, odds, padding
   int64_t half;      // of a row of lifted evens or odds in memory
 };
 
-constexpr BlockSizes SizesOf(Wavelet wavelet, int64_t edge) {
+constexpr StripSizes SizesOf(Wavelet wavelet, int64_t edge, int64_t bricks) {
   const int64_t pairs = edge + 2 * MarginOf(wavelet);
-  return {pairs, 2 * pairs, Padded(2 * pairs), Padded(pairs)};
+  const int64_t row = edge * bricks + 2 * MarginOf(wavelet);
+  return {pairs, 2 * pairs, row, Padded(2 * row), Padded(row)};
 }
 
 }  // namespace
@@ -72,6 +74,22 @@ HWY_INLINE void ForCovering(int64_t count, const Body& body) {
   for (int64_t i = 0; i < count; ++i) {
     body(d1, i);
   }
+}
+
+/// Pairs of samples apart; count of each as d has lanes.
+template <class D, class V>
+HWY_INLINE void LoadPairs(D d, const hn::TFromD<D>* from, V& even, V& odd) {
+#if HWY_TARGET == HWY_SCALAR
+  hn::LoadInterleaved2(d, from, even, odd);
+#else
+  if constexpr (hn::MaxLanes(D()) == 1) {
+    hn::LoadInterleaved2(d, from, even, odd);
+  } else {  // faster than LoadInterleaved2
+    const V a = hn::LoadU(d, from), b = hn::LoadU(d, from + hn::Lanes(d));
+    even = hn::ConcatEven(d, b, a);
+    odd = hn::ConcatOdd(d, b, a);
+  }
+#endif
 }
 
 /// What magnitudes are compared as: floats by their bits, so that NaN is above infinity.
@@ -219,7 +237,7 @@ HWY_INLINE void LiftColumn(D d, bool up, int64_t pairs, const Load& load, const 
 /// `children` rows of `width` values, from row to row `stride` apart, lifted to `edge` low rows and
 /// as many high ones.
 template <class Scheme, typename Value>
-HWY_INLINE void LiftRows(const BlockSizes& sizes, int64_t edge, bool lift, bool up,
+HWY_INLINE void LiftRows(const StripSizes& sizes, int64_t edge, bool lift, bool up,
                          const Value* rows, int64_t stride, Value* low, Value* high,
                          int64_t out_stride) {
   const Lanes<Value> d;
@@ -246,33 +264,36 @@ HWY_INLINE void LiftRows(const BlockSizes& sizes, int64_t edge, bool lift, bool 
 }
 
 template <class Scheme, typename Value>
-class LiftedBlock {
+class LiftedStrip {
  public:
-  LiftedBlock(const BlockInput<Value>& in, Value* work, Value* low, Value* detail)
+  LiftedStrip(const StripInput<Value>& in, Value* work, Value* low, Value* detail)
       : in_(in),
         edge_(in.edge),
-        sizes_(SizesOf(Scheme::kWavelet, in.edge)),
+        cube_(in.edge * in.edge * in.edge),
+        sizes_(SizesOf(Scheme::kWavelet, in.edge, in.bricks)),
         low_(low),
         detail_(detail),
-        block_(work),
-        rows_(block_ + 2 * edge_ * sizes_.children * sizes_.width),
+        slices_(work),
+        rows_(slices_ + 2 * edge_ * sizes_.children * sizes_.width),
         odds_(rows_ + sizes_.children * sizes_.width),
         evens_(odds_ + 2 * edge_ * sizes_.half) {}
 
-  float Transform() {
+  void Transform(float* largest) {
     const int64_t slice = sizes_.children * sizes_.width;
     for (int64_t y = 0; y < sizes_.children; ++y) {
       LoadRows(y);
-      Value* const to = block_ + y * sizes_.width;
+      Value* const to = slices_ + y * sizes_.width;
       LiftRows<Scheme>(sizes_, edge_, in_.lift[2], in_.up[2], rows_, sizes_.width, to,
                        to + edge_ * slice, slice);
     }
     for (int64_t z = 0; z < 2 * edge_; ++z) {
-      LiftRows<Scheme>(sizes_, edge_, in_.lift[1], in_.up[1], block_ + z * slice, sizes_.width,
+      LiftRows<Scheme>(sizes_, edge_, in_.lift[1], in_.up[1], slices_ + z * slice, sizes_.width,
                        rows_, rows_ + edge_ * sizes_.width, sizes_.width);
       LiftAlongX(z % edge_, z >= edge_);
     }
-    return largest_.Get();
+    for (int64_t brick = 0; brick < in_.bricks; ++brick) {
+      largest[brick] = largest_[brick].Get();
+    }
   }
 
  private:
@@ -280,72 +301,90 @@ class LiftedBlock {
   HWY_INLINE void LoadRows(int64_t y) {
     for (int64_t z = 0; z < sizes_.children; ++z) {
       const Value* const from = in_.slices[z] + in_.rows[y];
-      Value* const to = rows_ + z * sizes_.width;
-      ForCovering<Value>(sizes_.pairs, [&](auto d, int64_t i) HWY_ATTR {
+      Value* const row = rows_ + z * sizes_.width;
+      Value* const to = row + in_.first / 2;
+      ForCovering<Value>((in_.last - in_.first) / 2, [&](auto d, int64_t i) HWY_ATTR {
         hn::Vec<decltype(d)> even, odd;
-        hn::LoadInterleaved2(d, from + 2 * i, even, odd);
+        LoadPairs(d, from + 2 * i, even, odd);
         hn::StoreU(even, d, to + i);
-        hn::StoreU(odd, d, to + sizes_.pairs + i);
+        hn::StoreU(odd, d, to + sizes_.row + i);
       });
+      if (in_.next != 0) {
+        for (int64_t i = 0; i < in_.last - in_.first; i += 64 / int64_t{sizeof(Value)}) {
+          __builtin_prefetch(from + in_.next + i, 0, 2);
+        }
+      }
+      for (const CopiedChild& child : in_.copied) {
+        row[CellOf(child.to)] = row[CellOf(child.from)];
+      }
     }
+  }
+
+  [[nodiscard]] int64_t CellOf(int64_t child) const {
+    return child / 2 + (child % 2 == 0 ? 0 : sizes_.row);
   }
 
   /// The rows of a slice: low ones in y, then high ones.
   HWY_INLINE void LiftAlongX(int64_t z, bool z_is_high) {
-    const int64_t margin = MarginOf(Scheme::kWavelet);
-    const bool up = in_.up[0];
+    constexpr int64_t kMargin = MarginOf(Scheme::kWavelet);
     if (in_.lift[0] && Scheme::kStages == 2) {
-      FirstStage(up);
+      FirstStage(in_.up[0]);
     }
-    constexpr int kLast = Scheme::kStages - 1;
     for (int64_t row = 0; row < 2 * edge_; ++row) {
-      const Value *even, *odd;
-      if (in_.lift[0] && kLast == 1) {
-        even = evens_ + row * sizes_.half + margin;
-        odd = odds_ + row * sizes_.half + margin;
-      } else {
-        even = rows_ + row * sizes_.width + margin;
-        odd = even + sizes_.pairs;
+      const Value* even = rows_ + row * sizes_.width + kMargin;
+      const Value* odd = even + sizes_.row;
+      if (in_.lift[0] && Scheme::kStages == 2) {
+        even = evens_ + row * sizes_.half + kMargin;
+        odd = odds_ + row * sizes_.half + kMargin;
       }
       const int band = (row >= edge_ ? 2 : 0) + (z_is_high ? 4 : 0);
       const int64_t at = (z * edge_ + row % edge_) * edge_;
-      Value* const to_low = Band(band) + at;
-      Value* const to_high = Band(band + 1) + at;
-      const float low_scale = ScaleOf(band), high_scale = ScaleOf(band + 1);
-      ForCovering<Value>(edge_, [&](auto d, int64_t i) HWY_ATTR {
-        auto low = hn::LoadU(d, even + i);
-        auto high = hn::LoadU(d, odd + i);
-        if (in_.lift[0]) {
-          const auto even_before = hn::LoadU(d, even + i - 1),
-                     odd_before = hn::LoadU(d, odd + i - 1);
-          const auto before = Scheme::Odd(d, kLast, up, odd_before, even_before, low);
-          high = Scheme::Odd(d, kLast, up, high, low, hn::LoadU(d, even + i + 1));
-          low = Scheme::Even(d, kLast, up, low, before, high);
-        }
-        if constexpr (Scheme::kWavelet == Wavelet::kCdf97) {
-          low = hn::Mul(low, hn::Set(d, low_scale));
-          high = hn::Mul(high, hn::Set(d, high_scale));
-        }
-        hn::StoreU(low, d, to_low + i);
-        hn::StoreU(high, d, to_high + i);
-        auto most = Magnitude(d, high);
-        if (band != 0) {
-          most = hn::Max(most, Magnitude(d, low));
-        }
-        largest_.Add(d, most);
-      });
+      for (int64_t brick = 0; brick < in_.bricks; ++brick) {
+        FinishRow(brick, band, at, even + brick * edge_, odd + brick * edge_);
+      }
     }
+  }
+
+  /// The last stage along x, of the row at cell `at` of two bands of a brick.
+  HWY_INLINE void FinishRow(int64_t brick, int band, int64_t at, const Value* even,
+                            const Value* odd) {
+    constexpr int kLast = Scheme::kStages - 1;
+    const bool up = in_.up[0];
+    Value* const to_low = Band(brick, band) + at;
+    Value* const to_high = Band(brick, band + 1) + at;
+    const float low_scale = ScaleOf(band), high_scale = ScaleOf(band + 1);
+    ForCovering<Value>(edge_, [&](auto d, int64_t i) HWY_ATTR {
+      auto low = hn::LoadU(d, even + i);
+      auto high = hn::LoadU(d, odd + i);
+      if (in_.lift[0]) {
+        const auto even_before = hn::LoadU(d, even + i - 1), odd_before = hn::LoadU(d, odd + i - 1);
+        const auto before = Scheme::Odd(d, kLast, up, odd_before, even_before, low);
+        high = Scheme::Odd(d, kLast, up, high, low, hn::LoadU(d, even + i + 1));
+        low = Scheme::Even(d, kLast, up, low, before, high);
+      }
+      if constexpr (Scheme::kWavelet == Wavelet::kCdf97) {
+        low = hn::Mul(low, hn::Set(d, low_scale));
+        high = hn::Mul(high, hn::Set(d, high_scale));
+      }
+      hn::StoreU(low, d, to_low + i);
+      hn::StoreU(high, d, to_high + i);
+      auto most = Magnitude(d, high);
+      if (band != 0) {
+        most = hn::Max(most, Magnitude(d, low));
+      }
+      largest_[brick].Add(d, most);
+    });
   }
 
   /// The first of two stages, for all pairs that the second one needs.
   HWY_INLINE void FirstStage(bool up) {
     for (int64_t row = 0; row < 2 * edge_; ++row) {
       const Value* const even = rows_ + row * sizes_.width;
-      const Value* const odd = even + sizes_.pairs;
+      const Value* const odd = even + sizes_.row;
       Value* const to_even = evens_ + row * sizes_.half;
       Value* const to_odd = odds_ + row * sizes_.half;
-      // Pairs 1 to edge + 2.
-      ForCovering<Value>(edge_ + 2, [&](auto d, int64_t i) HWY_ATTR {
+      // All pairs but the first and the last.
+      ForCovering<Value>(sizes_.row - 2, [&](auto d, int64_t i) HWY_ATTR {
         const auto e0 = hn::LoadU(d, even + i), e1 = hn::LoadU(d, even + i + 1);
         const auto before = Scheme::Odd(d, 0, up, hn::LoadU(d, odd + i), e0, e1);
         const auto lifted =
@@ -356,8 +395,8 @@ class LiftedBlock {
     }
   }
 
-  [[nodiscard]] Value* Band(int band) const {
-    return band == 0 ? low_ : detail_ + (band - 1) * edge_ * edge_ * edge_;
+  [[nodiscard]] Value* Band(int64_t brick, int band) const {
+    return band == 0 ? low_ + brick * cube_ : detail_ + (7 * brick + band - 1) * cube_;
   }
 
   [[nodiscard]] float ScaleOf(int band) const {
@@ -370,15 +409,15 @@ class LiftedBlock {
     return product;
   }
 
-  const BlockInput<Value>& in_;
-  const int64_t edge_;
-  const BlockSizes sizes_;
+  const StripInput<Value>& in_;
+  const int64_t edge_, cube_;
+  const StripSizes sizes_;
   Value* const low_;
   Value* const detail_;
-  Value* const block_;                // [2 edge: low in z, then high][children][width]
+  Value* const slices_;               // [2 edge: low in z, then high][children][width]
   Value* const rows_;                 // [children][width]
   Value *const odds_, *const evens_;  // [2 edge][half]: after the first stage along x
-  Largest<Value> largest_;
+  Largest<Value> largest_[MostBricks<Value>(Scheme::kWavelet)];
 };
 
 /// Haar in floats: sums and differences over 8.
@@ -428,67 +467,87 @@ struct IntegerHaarScheme {
   }
 };
 
+/// Asks for the rows of children that are needed `kAhead` rows of coefficients from now.
+template <typename Value>
+HWY_INLINE void FetchAhead(const StripInput<Value>& in, int64_t row) {
+  constexpr int64_t kAhead = 4;
+  const int64_t then = std::min(row + kAhead, in.edge * in.edge - 1);
+  const int64_t z = then / in.edge, y = then % in.edge;
+  for (int child = 0; child < 4; ++child) {
+    const Value* const from = in.slices[2 * z + child / 2] + in.rows[2 * y + child % 2];
+    for (int64_t i = 0; i < in.last - in.first; i += 64 / int64_t{sizeof(Value)}) {
+      __builtin_prefetch(from + i);
+    }
+  }
+}
+
 template <class Scheme, typename Value>
-float TransformHaarBlock(const BlockInput<Value>& in, Value* low, Value* detail) {
+void TransformHaarStrip(const StripInput<Value>& in, Value* low, Value* detail, float* largest) {
   const int64_t edge = in.edge;
   const int64_t cube = edge * edge * edge;
-  Largest<Value> largest;
-  for (int64_t z = 0; z < edge; ++z) {
-    for (int64_t y = 0; y < edge; ++y) {
-      const Value* rows[4];
-      for (int row = 0; row < 4; ++row) {
-        rows[row] = in.slices[2 * z + row / 2] + in.rows[2 * y + row % 2];
-      }
-      const int64_t at = (z * edge + y) * edge;
+  Largest<Value> most_of[MostBricks<Value>(Wavelet::kHaar)];
+  for (int64_t row = 0; row < edge * edge; ++row) {
+    const int64_t z = row / edge, y = row % edge;
+    const Value* rows[4];
+    for (int child = 0; child < 4; ++child) {
+      rows[child] = in.slices[2 * z + child / 2] + in.rows[2 * y + child % 2];
+    }
+    FetchAhead(in, row);
+    for (int64_t brick = 0; brick < in.bricks; ++brick) {
+      Value* const to_low = low + brick * cube + row * edge;
+      Value* const to_detail = detail + 7 * brick * cube + row * edge;
       ForCovering<Value>(edge, [&](auto d, int64_t i) HWY_ATTR {
         hn::Vec<decltype(d)> p[4], q[4], bands[8];
-        for (int row = 0; row < 4; ++row) {
-          hn::LoadInterleaved2(d, rows[row] + 2 * i, p[row], q[row]);
+        for (int child = 0; child < 4; ++child) {
+          LoadPairs(d, rows[child] + 2 * (brick * edge + i), p[child], q[child]);
         }
         Scheme::Transform(d, in.up, p, q, bands);
-        hn::StoreU(bands[0], d, low + at + i);
+        hn::StoreU(bands[0], d, to_low + i);
+        hn::StoreU(bands[1], d, to_detail + i);
         auto most = Magnitude(d, bands[1]);
-        hn::StoreU(bands[1], d, detail + at + i);
         for (int band = 2; band < 8; ++band) {
-          hn::StoreU(bands[band], d, detail + (band - 1) * cube + at + i);
+          hn::StoreU(bands[band], d, to_detail + (band - 1) * cube + i);
           most = hn::Max(most, Magnitude(d, bands[band]));
         }
-        largest.Add(d, most);
+        most_of[brick].Add(d, most);
       });
     }
   }
-  return largest.Get();
+  for (int64_t brick = 0; brick < in.bricks; ++brick) {
+    largest[brick] = most_of[brick].Get();
+  }
 }
 
-float FloatKernel(Wavelet wavelet, const BlockInput<float>& in, float* work, float* low,
-                  float* detail) {
+void FloatKernel(Wavelet wavelet, const StripInput<float>& in, float* work, float* low,
+                 float* detail, float* largest) {
   switch (wavelet) {
     case Wavelet::kHaar:
-      return TransformHaarBlock<HaarScheme>(in, low, detail);
+      return TransformHaarStrip<HaarScheme>(in, low, detail, largest);
     case Wavelet::kCdf53:
-      return LiftedBlock<Cdf53Scheme, float>(in, work, low, detail).Transform();
+      return LiftedStrip<Cdf53Scheme, float>(in, work, low, detail).Transform(largest);
     case Wavelet::kCdf97:
-      break;
+      return LiftedStrip<Cdf97Scheme, float>(in, work, low, detail).Transform(largest);
   }
-  return LiftedBlock<Cdf97Scheme, float>(in, work, low, detail).Transform();
 }
 
 template <typename Value>
-float IntegerBlock(Wavelet wavelet, const BlockInput<Value>& in, Value* work, Value* low,
-                   Value* detail) {
-  return wavelet == Wavelet::kHaar
-             ? TransformHaarBlock<IntegerHaarScheme>(in, low, detail)
-             : LiftedBlock<IntegerCdf53Scheme, Value>(in, work, low, detail).Transform();
+void IntegerStrip(Wavelet wavelet, const StripInput<Value>& in, Value* work, Value* low,
+                  Value* detail, float* largest) {
+  if (wavelet == Wavelet::kHaar) {
+    TransformHaarStrip<IntegerHaarScheme>(in, low, detail, largest);
+  } else {
+    LiftedStrip<IntegerCdf53Scheme, Value>(in, work, low, detail).Transform(largest);
+  }
 }
 
-float ShortKernel(Wavelet wavelet, const BlockInput<int16_t>& in, int16_t* work, int16_t* low,
-                  int16_t* detail) {
-  return IntegerBlock(wavelet, in, work, low, detail);
+void ShortKernel(Wavelet wavelet, const StripInput<int16_t>& in, int16_t* work, int16_t* low,
+                 int16_t* detail, float* largest) {
+  IntegerStrip(wavelet, in, work, low, detail, largest);
 }
 
-float LongKernel(Wavelet wavelet, const BlockInput<int32_t>& in, int32_t* work, int32_t* low,
-                 int32_t* detail) {
-  return IntegerBlock(wavelet, in, work, low, detail);
+void LongKernel(Wavelet wavelet, const StripInput<int32_t>& in, int32_t* work, int32_t* low,
+                int32_t* detail, float* largest) {
+  IntegerStrip(wavelet, in, work, low, detail, largest);
 }
 
 }  // namespace
@@ -504,7 +563,7 @@ HWY_EXPORT(LongKernel);
 
 template <typename Value>
 size_t WorkCells(Wavelet wavelet, int64_t edge) {
-  const BlockSizes sizes = SizesOf(wavelet, edge);
+  const StripSizes sizes = SizesOf(wavelet, edge, MostBricks<Value>(wavelet));
   return wavelet == Wavelet::kHaar
              ? 0
              : static_cast<size_t>((2 * edge + 1) * sizes.children * sizes.width +
@@ -512,21 +571,21 @@ size_t WorkCells(Wavelet wavelet, int64_t edge) {
 }
 
 template <>
-float TransformBlock(Wavelet wavelet, const BlockInput<float>& in, float* work, float* low,
-                     float* detail) {
-  return HWY_DYNAMIC_DISPATCH(FloatKernel)(wavelet, in, work, low, detail);
+void TransformStrip(Wavelet wavelet, const StripInput<float>& in, float* work, float* low,
+                    float* detail, float* largest) {
+  HWY_DYNAMIC_DISPATCH(FloatKernel)(wavelet, in, work, low, detail, largest);
 }
 
 template <>
-float TransformBlock(Wavelet wavelet, const BlockInput<int16_t>& in, int16_t* work, int16_t* low,
-                     int16_t* detail) {
-  return HWY_DYNAMIC_DISPATCH(ShortKernel)(wavelet, in, work, low, detail);
+void TransformStrip(Wavelet wavelet, const StripInput<int16_t>& in, int16_t* work, int16_t* low,
+                    int16_t* detail, float* largest) {
+  HWY_DYNAMIC_DISPATCH(ShortKernel)(wavelet, in, work, low, detail, largest);
 }
 
 template <>
-float TransformBlock(Wavelet wavelet, const BlockInput<int32_t>& in, int32_t* work, int32_t* low,
-                     int32_t* detail) {
-  return HWY_DYNAMIC_DISPATCH(LongKernel)(wavelet, in, work, low, detail);
+void TransformStrip(Wavelet wavelet, const StripInput<int32_t>& in, int32_t* work, int32_t* low,
+                    int32_t* detail, float* largest) {
+  HWY_DYNAMIC_DISPATCH(LongKernel)(wavelet, in, work, low, detail, largest);
 }
 
 template size_t WorkCells<float>(Wavelet, int64_t);

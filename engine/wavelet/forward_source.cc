@@ -5,22 +5,16 @@
 #include <cstring>
 #include <limits>
 #include <type_traits>
+#include <utility>
 
 #include "engine/wavelet/forward_stream.h"
 
 namespace fovea::wavelet::internal {
 namespace {
 
-template <typename Value>
-hwy::AlignedFreeUniquePtr<Value[]> Zeros(size_t count) {
-  auto cells = hwy::AllocateAligned<Value>(std::max<size_t>(count, 1));
-  std::fill_n(cells.get(), std::max<size_t>(count, 1), Value{0});
-  return cells;
-}
-
-/// How many children a block has on an axis.
-int64_t ChildrenOf(const LevelShape& shape) {
-  return 2 * (shape.edge + 2 * MarginOf(shape.wavelet));
+/// How many children a strip has along an axis.
+int64_t ChildrenOf(const LevelShape& shape, int64_t bricks) {
+  return 2 * (bricks * shape.edge + 2 * MarginOf(shape.wavelet));
 }
 
 int64_t FirstChild(const LevelShape& shape, int64_t brick) {
@@ -29,7 +23,7 @@ int64_t FirstChild(const LevelShape& shape, int64_t brick) {
 
 /// The sample that position `at` of an axis of n samples stands for: continued as the wavelet asks,
 /// mirrored about the first and the last, or (Haar) the nearest. Far outside, where no coefficient
-/// depends on it, some sample of the block that starts at `first`.
+/// depends on it, some sample of the strip that starts at `first`.
 int64_t Continued(Wavelet wavelet, int64_t at, int64_t n, int64_t first) {
   if (at >= 0 && at < n) {
     return at;
@@ -42,27 +36,31 @@ int64_t Continued(Wavelet wavelet, int64_t at, int64_t n, int64_t first) {
   return std::max({in_period < n ? in_period : period - in_period, first, int64_t{0}});
 }
 
+/// Finds the samples of a strip; those inside the level along x are [input.first, input.last).
 template <typename Value>
-void PlaceBlock(const LevelShape& shape, const Int3& at, Block<Value>* block) {
-  const int64_t children = ChildrenOf(shape);
+void PlaceStrip(const LevelShape& shape, const Strip& strip, StripMemory<Value>* memory) {
   for (int axis = 0; axis < 3; ++axis) {
-    const int64_t first = FirstChild(shape, at[axis]);
+    const int64_t first = FirstChild(shape, strip.at[axis]);
     const int64_t n = shape.dims[axis];
-    for (int64_t i = 0; i < children; ++i) {
-      block->samples[axis][static_cast<size_t>(i)] = Continued(shape.wavelet, first + i, n, first);
+    std::vector<int64_t>& samples = memory->samples[static_cast<size_t>(axis)];
+    samples.resize(static_cast<size_t>(ChildrenOf(shape, axis == 0 ? strip.bricks : 1)));
+    for (int64_t i = 0; i < std::ssize(samples); ++i) {
+      samples[static_cast<size_t>(i)] = Continued(shape.wavelet, first + i, n, first);
     }
-    block->input.lift[static_cast<size_t>(axis)] = n > 1;
+    memory->input.lift[static_cast<size_t>(axis)] = n > 1;
   }
-}
-
-/// The children of a block along x that lie inside the level: [lo, hi), counted from its first.
-struct Span {
-  int64_t lo = 0, hi = 0;
-};
-
-Span InsideOf(const LevelShape& shape, int64_t brick) {
-  const int64_t first = FirstChild(shape, brick);
-  return {std::max<int64_t>(0, -first), std::min(ChildrenOf(shape), shape.dims.x - first)};
+  const std::vector<int64_t>& xs = memory->samples[0];
+  const int64_t first = FirstChild(shape, strip.at.x);
+  memory->input.bricks = strip.bricks;
+  memory->input.first = std::max<int64_t>(0, -first);
+  memory->input.last = std::min(std::ssize(xs), shape.dims.x - first);
+  memory->copied.clear();
+  for (int64_t i = 0; i < std::ssize(xs); ++i) {
+    if (i < memory->input.first || i >= memory->input.last) {
+      memory->copied.push_back({i, xs[static_cast<size_t>(i)] - first});
+    }
+  }
+  memory->input.copied = memory->copied;
 }
 
 /// Copies `count` values; false if one is not a whole number that Value may have.
@@ -98,40 +96,36 @@ bool Convert(const From* from, int64_t count, float bias, Value* to) {
   }
 }
 
-/// The children outside the level along x, from those inside.
+/// Lets the rows be those of the strip's own memory, and whole.
 template <typename Value>
-void ContinueRow(const std::vector<int64_t>& samples, const Span& inside, int64_t first,
-                 Value* row) {
-  for (int64_t i = 0; i < inside.lo; ++i) {
-    row[i] = row[samples[static_cast<size_t>(i)] - first];
+void UseOwnChildren(StripMemory<Value>* memory) {
+  const int64_t width = std::ssize(memory->samples[0]);
+  const int64_t height = std::ssize(memory->samples[1]);
+  for (int64_t i = 0; i < height; ++i) {
+    memory->slices[static_cast<size_t>(i)] = memory->children.get() + i * height * width;
+    memory->rows[static_cast<size_t>(i)] = i * width;
   }
-  for (int64_t i = inside.hi; i < std::ssize(samples); ++i) {
-    row[i] = row[samples[static_cast<size_t>(i)] - first];
-  }
-}
-
-/// Lets the block's slices and rows be those of its own memory.
-template <typename Value>
-void UseOwnChildren(int64_t children, Block<Value>* block) {
-  for (int64_t i = 0; i < children; ++i) {
-    block->slices[static_cast<size_t>(i)] = block->children.get() + i * children * children;
-    block->rows[static_cast<size_t>(i)] = i * children;
-  }
+  memory->input.first = 0;
+  memory->input.last = width;
+  memory->input.copied = {};
+  memory->input.next = 0;
 }
 
 }  // namespace
 
 template <typename Value>
-Block<Value>::Block(const LevelShape& shape) {
-  const auto count = static_cast<size_t>(ChildrenOf(shape));
+StripMemory<Value>::StripMemory(const LevelShape& shape) {
+  const int64_t most = MostBricks<Value>(shape.wavelet);
+  const auto count = static_cast<size_t>(ChildrenOf(shape, 1));
   const auto cube = static_cast<size_t>(shape.edge * shape.edge * shape.edge);
   slices.resize(count);
   rows.resize(count);
-  samples.fill(std::vector<int64_t>(count));
-  children = Zeros<Value>(count * count * count);
-  work = Zeros<Value>(WorkCells<Value>(shape.wavelet, shape.edge));
-  low = Zeros<Value>(cube);
-  detail = Zeros<Value>(7 * cube);
+  children =
+      hwy::AllocateAligned<Value>(count * count * static_cast<size_t>(ChildrenOf(shape, most)));
+  const size_t cells = std::max<size_t>(WorkCells<Value>(shape.wavelet, shape.edge), 1);
+  work = hwy::AllocateAligned<Value>(cells);
+  std::fill_n(work.get(), cells, Value{0});  // what pads rows is lifted too
+  detail = hwy::AllocateAligned<Value>(7 * cube * static_cast<size_t>(most));
   input.slices = slices.data();
   input.rows = rows.data();
   input.edge = shape.edge;
@@ -165,31 +159,34 @@ const From* DenseSource<Value, From>::Slice(int64_t z) const {
 }
 
 template <typename Value, typename From>
-bool DenseSource<Value, From>::Fetch(const Int3& at, Block<Value>* block) const {
-  PlaceBlock(shape_, at, block);
-  const int64_t children = ChildrenOf(shape_);
-  const int64_t first = FirstChild(shape_, at.x);
-  const Span inside = InsideOf(shape_, at.x);
-  const auto& [xs, ys, zs] = block->samples;
+bool DenseSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* memory) const {
+  PlaceStrip(shape_, strip, memory);
+  const auto [inside, end] = std::pair(memory->input.first, memory->input.last);
+  const int64_t first = FirstChild(shape_, strip.at.x) + inside;
+  const auto& [xs, ys, zs] = memory->samples;
   if constexpr (std::is_same_v<Value, From>) {
-    if (shape_.bias == 0 && inside.lo == 0 && inside.hi == children) {
-      for (size_t i = 0; i < static_cast<size_t>(children); ++i) {
-        block->slices[i] = Slice(zs[i]) + first;
-        block->rows[i] = ys[i] * shape_.dims.x;
+    if (shape_.bias == 0 && end % 2 == 0) {  // as they are
+      for (size_t i = 0; i < ys.size(); ++i) {
+        memory->slices[i] = Slice(zs[i]) + first;
+        memory->rows[i] = ys[i] * shape_.dims.x;
       }
+      const bool is_last = first + end - inside >= shape_.dims.x;
+      memory->input.next =
+          is_last ? 2 * shape_.edge * shape_.dims.x - first : 2 * strip.bricks * shape_.edge;
       return true;
     }
   }
-  UseOwnChildren(children, block);
-  Value* row = block->children.get();
+  UseOwnChildren(memory);
+  Value* row = memory->children.get();
   bool good = true;
   for (const int64_t z : zs) {
     const From* const slice = Slice(z);
     for (const int64_t y : ys) {
-      const From* const from = slice + y * shape_.dims.x + first + inside.lo;
-      good &= Convert(from, inside.hi - inside.lo, shape_.bias, row + inside.lo);
-      ContinueRow(xs, inside, first, row);
-      row += children;
+      good &= Convert(slice + y * shape_.dims.x + first, end - inside, shape_.bias, row + inside);
+      for (const CopiedChild& child : memory->copied) {
+        row[child.to] = row[child.from];
+      }
+      row += xs.size();
     }
   }
   return good;
@@ -261,36 +258,38 @@ typename BrickSource<Value, From>::Neighbours BrickSource<Value, From>::Find(int
 }
 
 template <typename Value, typename From>
-bool BrickSource<Value, From>::Fetch(const Int3& at, Block<Value>* block) const {
-  PlaceBlock(shape_, at, block);
-  const int64_t children = ChildrenOf(shape_);
-  UseOwnChildren(children, block);
+bool BrickSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* memory) const {
+  PlaceStrip(shape_, strip, memory);
+  const auto [inside, end] = std::pair(memory->input.first, memory->input.last);
+  UseOwnChildren(memory);
   const int64_t edge = shape_.edge;
+  const Int3& at = strip.at;
   const Int3 corner{2 * at.x - 1, 2 * at.y - 1, 2 * at.z - 1};  // the first brick that may be met
-  std::array<std::array<Neighbours, kAround>, kAround> around;
-  for (int z = 0; z < kAround; ++z) {
-    for (int y = 0; y < kAround; ++y) {
+  std::array<std::array<Neighbours, 4>, 4> around;
+  for (int z = 0; z < 4; ++z) {
+    for (int y = 0; y < 4; ++y) {
       around[z][y] = Find(corner.z + z, corner.y + y, corner.x);
     }
   }
   const int64_t first = FirstChild(shape_, at.x);
-  const Span inside = InsideOf(shape_, at.x);
-  const auto& [xs, ys, zs] = block->samples;
-  Value* row = block->children.get();
+  const auto& [xs, ys, zs] = memory->samples;
+  Value* row = memory->children.get();
   bool good = true;
   for (const int64_t z : zs) {
     for (const int64_t y : ys) {
       const Neighbours& near = around[z / edge - corner.z][y / edge - corner.y];
       const int64_t in_brick = (z % edge * edge + y % edge) * edge;
-      for (int64_t i = inside.lo; i < inside.hi;) {
+      for (int64_t i = inside; i < end;) {
         const int64_t x = first + i;
-        const int64_t count = std::min(edge - x % edge, inside.hi - i);
+        const int64_t count = std::min(edge - x % edge, end - i);
         good &= Convert(near[static_cast<size_t>(x / edge - corner.x)] + in_brick + x % edge, count,
                         shape_.bias, row + i);
         i += count;
       }
-      ContinueRow(xs, inside, first, row);
-      row += children;
+      for (const CopiedChild& child : memory->copied) {
+        row[child.to] = row[child.from];
+      }
+      row += xs.size();
     }
   }
   return good;
@@ -304,9 +303,9 @@ void BrickSource<Value, From>::Release(int64_t slice) {
   }
 }
 
-template struct Block<float>;
-template struct Block<int16_t>;
-template struct Block<int32_t>;
+template struct StripMemory<float>;
+template struct StripMemory<int16_t>;
+template struct StripMemory<int32_t>;
 template class BrickSource<float, float>;
 template class BrickSource<int16_t, float>;
 template class BrickSource<int16_t, int16_t>;

@@ -30,17 +30,24 @@ struct LevelShape {
   float fill = 0;
 };
 
-/// The children of one brick, as TransformBlock wants them, and the memory they may need. One
+/// Bricks of the coarser level that are neighbours along x.
+struct Strip {
+  Int3 at;  // the first
+  int64_t bricks = 1;
+};
+
+/// The children of a strip, as TransformStrip wants them, and the memory that it and they need. One
 /// thread's.
 template <typename Value>
-struct Block {
-  explicit Block(const LevelShape& shape);
+struct StripMemory {
+  explicit StripMemory(const LevelShape& shape);
 
-  BlockInput<Value> input;
+  StripInput<Value> input;
   std::vector<const Value*> slices;
   std::vector<int64_t> rows;
+  std::vector<CopiedChild> copied;
   std::array<std::vector<int64_t>, 3> samples;  // of each axis: where its children are in the level
-  hwy::AlignedFreeUniquePtr<Value[]> children, work, low, detail;
+  hwy::AlignedFreeUniquePtr<Value[]> children, work, detail;
 };
 
 template <typename Value>
@@ -51,8 +58,8 @@ class Source {
   [[nodiscard]] virtual int64_t available() const = 0;
   /// The bricks {y, x} of layer z of the coarser level that are not background, in that order.
   [[nodiscard]] virtual std::vector<std::array<int64_t, 2>> Parents(int64_t z) const = 0;
-  /// The children of the brick at `at`; false if one of them is no Value (not whole, too large).
-  [[nodiscard]] virtual bool Fetch(const Int3& at, Block<Value>* block) const = 0;
+  /// The children of a strip; false if one of them is no Value (not whole, too large).
+  [[nodiscard]] virtual bool Fetch(const Strip& strip, StripMemory<Value>* memory) const = 0;
   /// Slices before `slice` are not read any more.
   virtual void Release(int64_t slice) = 0;
 };
@@ -66,7 +73,7 @@ class DenseSource : public Source<Value> {
 
   [[nodiscard]] int64_t available() const override { return available_; }
   [[nodiscard]] std::vector<std::array<int64_t, 2>> Parents(int64_t z) const override;
-  [[nodiscard]] bool Fetch(const Int3& at, Block<Value>* block) const override;
+  [[nodiscard]] bool Fetch(const Strip& strip, StripMemory<Value>* memory) const override;
   void Release(int64_t slice) override;
 
  private:
@@ -99,7 +106,7 @@ class BrickSource : public Source<Value> {
 
   [[nodiscard]] int64_t available() const override;
   [[nodiscard]] std::vector<std::array<int64_t, 2>> Parents(int64_t z) const override;
-  [[nodiscard]] bool Fetch(const Int3& at, Block<Value>* block) const override;
+  [[nodiscard]] bool Fetch(const Strip& strip, StripMemory<Value>* memory) const override;
   void Release(int64_t slice) override;
 
  private:
@@ -107,7 +114,8 @@ class BrickSource : public Source<Value> {
     std::vector<BrickAt<From>> bricks;
     std::shared_ptr<const void> owner;
   };
-  static constexpr int kAround = 4;  // bricks along x that a block meets
+  /// Bricks along x that a strip meets, at most.
+  static constexpr int64_t kAround = 2 * MostBricks<Value>(Wavelet::kHaar) + 2;
   using Neighbours = std::array<const From*, kAround>;
   /// The bricks at (z, y) with x from `first` on; those that are absent are of background.
   [[nodiscard]] Neighbours Find(int64_t z, int64_t y, int64_t first) const;

@@ -14,44 +14,51 @@
 #include "engine/wavelet/forward_source.h"
 
 // Each level below the voxels takes the means of the next finer one as layers of bricks. As soon as
-// all children of a layer of coefficients are there, it is transformed brick by brick, every brick
-// from a block of children that reaches as far around it as the filters do.
+// all children of a layer of coefficients are there, it is transformed strip by strip of bricks,
+// every strip from a block of children that reaches as far around it as the filters do.
 
 namespace fovea::wavelet {
 namespace {
 
-using internal::Block;
 using internal::BrickAt;
 using internal::BrickSource;
 using internal::DenseSource;
 using internal::LevelShape;
 using internal::MarginOf;
 using internal::Source;
-using internal::TransformBlock;
+using internal::Strip;
+using internal::StripMemory;
+using internal::TransformStrip;
 
-/// Blocks that threads use by turns.
-template <typename Value>
-class BlockPool {
+/// Things that threads use by turns, made when there is none free.
+template <typename Thing>
+class Pool {
  public:
-  explicit BlockPool(const LevelShape& shape) : shape_(shape) {}
-  std::unique_ptr<Block<Value>> Take() {
+  template <typename Make>
+  std::unique_ptr<Thing> Take(const Make& make) {
     const std::lock_guard lock(mutex_);
     if (free_.empty()) {
-      return std::make_unique<Block<Value>>(shape_);
+      return make();
     }
-    auto block = std::move(free_.back());
+    auto thing = std::move(free_.back());
     free_.pop_back();
-    return block;
+    return thing;
   }
-  void GiveBack(std::unique_ptr<Block<Value>> block) {
+  void GiveBack(std::unique_ptr<Thing> thing) {
     const std::lock_guard lock(mutex_);
-    free_.push_back(std::move(block));
+    free_.push_back(std::move(thing));
   }
 
  private:
-  const LevelShape shape_;
   std::mutex mutex_;
-  std::vector<std::unique_ptr<Block<Value>>> free_;
+  std::vector<std::unique_ptr<Thing>> free_;
+};
+
+/// Memory for the means of a layer.
+template <typename Value>
+struct Cells {
+  size_t count = 0;
+  hwy::AlignedFreeUniquePtr<Value[]> values;
 };
 
 /// Zeroes the coefficients of a brick past its first `counts` along each axis.
@@ -88,8 +95,7 @@ class Stream final : public ForwardStream {
         sink_(*sink),
         bias_(options.basis.wavelet == Wavelet::kCdf97 ? options.background : 0.0F),
         coarse_(Box3::OfSize(options.hierarchy.DimsAt(0)), options.background),
-        levels_(static_cast<size_t>(options.hierarchy.finest())),
-        pool_(ShapeOf(0)) {
+        levels_(static_cast<size_t>(options.hierarchy.finest())) {
     for (int level = 0; level + 1 < options_.hierarchy.finest(); ++level) {
       auto source = std::make_unique<BrickSource<Value, Value>>(ShapeOf(level + 1));
       levels_[static_cast<size_t>(level)].means = source.get();
@@ -121,8 +127,8 @@ class Stream final : public ForwardStream {
     std::unique_ptr<Source<Value>> source;
     BrickSource<Value, Value>* means = nullptr;  // the source, where it is the level above's means
     int64_t next = 0;                            // the layer of bricks to make
+    std::shared_ptr<Pool<Cells<Value>>> cells = std::make_shared<Pool<Cells<Value>>>();
   };
-  using Bricks = std::shared_ptr<hwy::AlignedFreeUniquePtr<Value[]>>;
 
   template <typename Action>
   Status Do(const Action& action) {
@@ -146,10 +152,12 @@ class Stream final : public ForwardStream {
   /// Counts slices; an error if there are too many.
   Status Receive(int64_t slices);
 
+  /// Memory for the means of a layer of `level`, to be used again when all copies are gone.
+  std::shared_ptr<Value> TakeCells(int level, size_t count);
   Status Advance(int level);
   Status MakeLayer(int level, int64_t z);
-  Status MakeBrick(int level, const Int3& at, Block<Value>* block, Value* means);
-  float ClearPastBorder(int level, const Int3& at, Block<Value>* block) const;
+  Status MakeStrip(int level, const Strip& strip, StripMemory<Value>* memory, Value* means);
+  float ClearPastBorder(int level, const Int3& at, Value* detail) const;
   void PutCoarse(const Int3& at, const Value* means);
 
   const ForwardStreamOptions options_;
@@ -160,7 +168,7 @@ class Stream final : public ForwardStream {
   Grid coarse_;
   std::vector<Level> levels_;
   std::unique_ptr<Source<Value>> voxels_;  // where nothing is halved
-  BlockPool<Value> pool_;
+  Pool<StripMemory<Value>> memories_;
 };
 
 template <typename Value>
@@ -236,6 +244,20 @@ Status Stream<Value>::PushBricks(std::shared_ptr<const BrickGrid> bricks, int64_
   return absl::OkStatus();
 }
 
+template <typename Value>
+std::shared_ptr<Value> Stream<Value>::TakeCells(int level, size_t count) {
+  const auto& pool = levels_[static_cast<size_t>(level)].cells;
+  auto cells = pool->Take([] { return std::make_unique<Cells<Value>>(); });
+  if (cells->count < count) {
+    cells->values = hwy::AllocateAligned<Value>(count);
+    cells->count = count;
+  }
+  Value* const values = cells->values.get();
+  return {values, [pool, held = cells.release()](Value* /*values*/) {
+            pool->GiveBack(std::unique_ptr<Cells<Value>>(held));
+          }};
+}
+
 /// Makes the layers of `level`, and of those below it, whose children are all there.
 template <typename Value>
 Status Stream<Value>::Advance(int level) {
@@ -256,37 +278,64 @@ Status Stream<Value>::Advance(int level) {
   return absl::OkStatus();
 }
 
+/// Where runs of neighbours along x begin, each of at most `most`; and the end.
+std::vector<int64_t> Runs(const std::vector<std::array<int64_t, 2>>& bricks, int64_t most) {
+  std::vector<int64_t> starts;
+  const auto count = std::ssize(bricks);
+  for (int64_t i = 0; i < count; ++i) {
+    const std::array<int64_t, 2>& at = bricks[static_cast<size_t>(i)];
+    if (i == 0 || i - starts.back() == most ||
+        bricks[static_cast<size_t>(i - 1)] != std::array<int64_t, 2>{at[0], at[1] - 1}) {
+      starts.push_back(i);
+    }
+  }
+  starts.push_back(count);
+  return starts;
+}
+
 template <typename Value>
 Status Stream<Value>::MakeLayer(int level, int64_t z) {
   const std::vector<std::array<int64_t, 2>> parents =
       levels_[static_cast<size_t>(level)].source->Parents(z);
-  const auto count = static_cast<int64_t>(parents.size());
+  if (parents.empty()) {
+    if (level > 0) {
+      levels_[static_cast<size_t>(level - 1)].means->Add({}, nullptr);
+    }
+    return sink_.EndLayer(level, z);
+  }
+  const std::vector<int64_t> runs =
+      Runs(parents, internal::MostBricks<Value>(options_.basis.wavelet));
+  const std::shared_ptr<Value> cells = TakeCells(level, parents.size() * CubeOf());
   const Value background = static_cast<Value>(options_.background - bias_);
-  auto cells = std::make_shared<hwy::AlignedFreeUniquePtr<Value[]>>(
-      hwy::AllocateAligned<Value>(static_cast<size_t>(std::max<int64_t>(count, 1) * CubeOf())));
   std::vector<BrickAt<Value>> means(parents.size());
   std::mutex mutex;
-  Status failed;  // of the first brick, in order, that failed
-  int64_t failed_at = count;
-  ParallelFor(0, count, 4, options_.threads, [&](int64_t first, int64_t last) {
-    auto block = pool_.Take();
-    for (int64_t i = first; i < last; ++i) {
-      const auto [y, x] = parents[static_cast<size_t>(i)];
-      Value* const low = cells->get() + i * CubeOf();
-      const Status status = MakeBrick(level, {x, y, z}, block.get(), low);
+  Status failed;  // of the first strip, in order, that failed
+  int64_t failed_at = std::ssize(runs);
+  ParallelFor(0, std::ssize(runs) - 1, 2, options_.threads, [&](int64_t first, int64_t last) {
+    auto memory =
+        memories_.Take([&] { return std::make_unique<StripMemory<Value>>(ShapeOf(level)); });
+    for (int64_t run = first; run < last; ++run) {
+      const int64_t begin = runs[static_cast<size_t>(run)],
+                    end = runs[static_cast<size_t>(run + 1)];
+      const auto [y, x] = parents[static_cast<size_t>(begin)];
+      const Status status =
+          MakeStrip(level, {{x, y, z}, end - begin}, memory.get(), cells.get() + begin * CubeOf());
       if (!status.ok()) {
         const std::lock_guard lock(mutex);
-        if (i < failed_at) {
-          failed_at = i;
+        if (run < failed_at) {
+          failed_at = run;
           failed = status;
         }
         break;
       }
-      if (!std::all_of(low, low + CubeOf(), [=](Value value) { return value == background; })) {
-        means[static_cast<size_t>(i)] = {parents[static_cast<size_t>(i)], low};
+      for (int64_t i = begin; i < end; ++i) {
+        Value* const low = cells.get() + i * CubeOf();
+        if (!std::all_of(low, low + CubeOf(), [=](Value value) { return value == background; })) {
+          means[static_cast<size_t>(i)] = {parents[static_cast<size_t>(i)], low};
+        }
       }
     }
-    pool_.GiveBack(std::move(block));
+    memories_.GiveBack(std::move(memory));
   });
   FOVEA_RETURN_IF_ERROR(failed);
   std::erase_if(means, [](const BrickAt<Value>& brick) { return brick.values == nullptr; });
@@ -295,37 +344,44 @@ Status Stream<Value>::MakeLayer(int level, int64_t z) {
       PutCoarse({brick.at[1], brick.at[0], z}, brick.values);
     }
   } else {
-    levels_[static_cast<size_t>(level - 1)].means->Add(std::move(means), std::move(cells));
+    levels_[static_cast<size_t>(level - 1)].means->Add(std::move(means), cells);
   }
   return sink_.EndLayer(level, z);
 }
 
 template <typename Value>
-Status Stream<Value>::MakeBrick(int level, const Int3& at, Block<Value>* block, Value* means) {
-  if (!levels_[static_cast<size_t>(level)].source->Fetch(at, block)) {
+Status Stream<Value>::MakeStrip(int level, const Strip& strip, StripMemory<Value>* memory,
+                                Value* means) {
+  if (!levels_[static_cast<size_t>(level)].source->Fetch(strip, memory)) {
     return InvalidArgument(
         "a voxel is not a whole number of at most {} in magnitude, as this integer transform needs",
         sizeof(Value) == 2 ? kMostShortVoxel : kMostVoxel);
   }
   // Rounding goes up where axis + level is odd.
-  block->input.up = {level % 2 != 0, level % 2 == 0, level % 2 != 0};
-  float largest = TransformBlock(options_.basis.wavelet, block->input, block->work.get(), means,
-                                 block->detail.get());
+  memory->input.up = {level % 2 != 0, level % 2 == 0, level % 2 != 0};
+  std::array<float, internal::MostBricks<Value>(Wavelet::kHaar)> largest{};
+  TransformStrip(options_.basis.wavelet, memory->input, memory->work.get(), means,
+                 memory->detail.get(), largest.data());
   const Int3 dims = options_.hierarchy.DimsAt(level + 1);
   const int64_t reach = 2 * options_.edge;
-  if ((at.x + 1) * reach > dims.x || (at.y + 1) * reach > dims.y || (at.z + 1) * reach > dims.z) {
-    largest = ClearPastBorder(level, at, block);
+  for (int64_t i = 0; i < strip.bricks; ++i) {
+    const Int3 at{strip.at.x + i, strip.at.y, strip.at.z};
+    Value* const detail = memory->detail.get() + 7 * i * CubeOf();
+    float most = largest[static_cast<size_t>(i)];
+    if ((at.x + 1) * reach > dims.x || (at.y + 1) * reach > dims.y || (at.z + 1) * reach > dims.z) {
+      most = ClearPastBorder(level, at, detail);
+    }
+    if (most != 0) {
+      const std::span<const Value> values(detail, static_cast<size_t>(7 * CubeOf()));
+      FOVEA_RETURN_IF_ERROR(sink_.Take({level, at, std::as_bytes(values), most}));
+    }
   }
-  if (largest == 0) {
-    return absl::OkStatus();
-  }
-  const std::span<const Value> values(block->detail.get(), static_cast<size_t>(7 * CubeOf()));
-  return sink_.Take({level, at, std::as_bytes(values), largest});
+  return absl::OkStatus();
 }
 
 /// What there is no coefficient for becomes zero; returns the largest of those that remain.
 template <typename Value>
-float Stream<Value>::ClearPastBorder(int level, const Int3& at, Block<Value>* block) const {
+float Stream<Value>::ClearPastBorder(int level, const Int3& at, Value* detail) const {
   const Int3 dims = options_.hierarchy.DimsAt(level + 1);
   for (int band = 1; band < 8; ++band) {
     Int3 counts;
@@ -333,9 +389,9 @@ float Stream<Value>::ClearPastBorder(int level, const Int3& at, Block<Value>* bl
       const int64_t all = (dims[axis] + 1 - ((band >> axis) & 1)) / 2;
       counts[axis] = all - at[axis] * options_.edge;
     }
-    ClearPast(counts, options_.edge, block->detail.get() + (band - 1) * CubeOf());
+    ClearPast(counts, options_.edge, detail + (band - 1) * CubeOf());
   }
-  return LargestOf(std::span<const Value>(block->detail.get(), static_cast<size_t>(7 * CubeOf())));
+  return LargestOf(std::span<const Value>(detail, static_cast<size_t>(7 * CubeOf())));
 }
 
 template <typename Value>

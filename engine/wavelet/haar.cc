@@ -12,11 +12,6 @@ void InverseHaarRow(const HaarBands& bands, int64_t count, const HaarRows& rows)
   internal::InverseHaar(bands, count, rows);
 }
 
-void ForwardHaarRow(const std::array<const float*, 4>& rows, int64_t count,
-                    const std::array<float*, 8>& bands) {
-  internal::ForwardHaar(rows, count, bands);
-}
-
 namespace {
 
 /// Fills the slices of children of one slice of parents, four rows at a time.

@@ -29,10 +29,6 @@ using HaarRows = std::array<float*, 4>;
 /// Children of one row of parents with detail. Rows must not overlap anything else.
 void InverseHaarRow(const HaarBands& bands, int64_t count, const HaarRows& rows);
 
-/// The reverse: the coefficients of four rows of 2 * count children.
-void ForwardHaarRow(const std::array<const float*, 4>& rows, int64_t count,
-                    const std::array<float*, 8>& bands);
-
 /// The slices 2 * pz and 2 * pz + 1 of `child` (those that it has and that lie inside
 /// `child_dims`), from slice pz of the parents and of their detail; otherwise as
 /// InverseHaarLevel, positions outside the volume in x and y included. Different slices may be

@@ -113,8 +113,7 @@ class RegionInverse {
     const Value* before = is_even ? slab->Odd(std::max(i - 1, slab->begin)) : slab->Even(i);
     const Value* after = is_even ? slab->Odd(std::min(i, slab->odd_end - 1))
                                  : slab->Even(std::min(i + 1, slab->end - 1));
-    schemes_[2].template Lift</*kInverse=*/true>(step, is_even ? slab->Even(i) : slab->Odd(i),
-                                                 before, after, slab->slice);
+    schemes_[2].Lift(step, is_even ? slab->Even(i) : slab->Odd(i), before, after, slab->slice);
   }
 
   void CopyOut(const Value* slice, int64_t z, Grid* child) const {
@@ -170,14 +169,14 @@ class RegionInverse {
         continue;
       }
       any = true;
-      LiftRow</*kInverse=*/true>(schemes_[0], lengths_[0], low, high);
+      LiftRow(schemes_[0], lengths_[0], low, high);
       internal::Interleave(low, high, odds, row);
       if (evens > odds) {
         row[size.x - 1] = low[odds];
       }
     }
     if (any) {
-      LiftLines</*kInverse=*/true>(schemes_[1], lengths_[1], size.x, size.x, slice);
+      LiftLines(schemes_[1], lengths_[1], size.x, size.x, slice);
     }
   }
 

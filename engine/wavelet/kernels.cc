@@ -47,15 +47,6 @@ void InterleaveKernel(const float* even, const float* odd, int64_t count, float*
   });
 }
 
-void DeinterleaveKernel(const float* in, int64_t count, float* even, float* odd) {
-  ForVectors(count, [=](auto d, int64_t i) HWY_ATTR {
-    hn::Vec<decltype(d)> first, second;
-    hn::LoadInterleaved2(d, in + 2 * i, first, second);
-    hn::StoreU(first, d, even + i);
-    hn::StoreU(second, d, odd + i);
-  });
-}
-
 void InverseHaarKernel(const std::array<const float*, 8>& bands, int64_t count,
                        const std::array<float*, 4>& rows) {
   ForVectors(count, [&](auto d, int64_t i) HWY_ATTR {
@@ -74,31 +65,6 @@ void InverseHaarKernel(const std::array<const float*, 8>& bands, int64_t count,
   });
 }
 
-void ForwardHaarKernel(const std::array<const float*, 4>& rows, int64_t count,
-                       const std::array<float*, 8>& bands) {
-  ForVectors(count, [&](auto d, int64_t i) HWY_ATTR {
-    using V = hn::Vec<decltype(d)>;
-    V low[4], high[4];
-    for (int row = 0; row < 4; ++row) {
-      V p, q;
-      hn::LoadInterleaved2(d, rows[row] + 2 * i, p, q);
-      low[row] = hn::Add(p, q);
-      high[row] = hn::Sub(p, q);
-    }
-    const auto put = [&](const V* v, int x) HWY_ATTR {
-      const auto eighth = hn::Set(d, 0.125F);
-      const V a0 = hn::Add(v[0], v[1]), y0 = hn::Sub(v[0], v[1]);
-      const V a1 = hn::Add(v[2], v[3]), y1 = hn::Sub(v[2], v[3]);
-      hn::StoreU(hn::Mul(hn::Add(a0, a1), eighth), d, bands[x] + i);
-      hn::StoreU(hn::Mul(hn::Add(y0, y1), eighth), d, bands[x + 2] + i);
-      hn::StoreU(hn::Mul(hn::Sub(a0, a1), eighth), d, bands[x + 4] + i);
-      hn::StoreU(hn::Mul(hn::Sub(y0, y1), eighth), d, bands[x + 6] + i);
-    };
-    put(low, 0);
-    put(high, 1);
-  });
-}
-
 }  // namespace fovea::wavelet::internal::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -108,9 +74,7 @@ namespace fovea::wavelet::internal {
 HWY_EXPORT(LiftKernel);
 HWY_EXPORT(ScaleKernel);
 HWY_EXPORT(InterleaveKernel);
-HWY_EXPORT(DeinterleaveKernel);
 HWY_EXPORT(InverseHaarKernel);
-HWY_EXPORT(ForwardHaarKernel);
 
 void Lift(float c, const float* a, const float* b, int64_t count, float* target) {
   HWY_DYNAMIC_DISPATCH(LiftKernel)(c, a, b, count, target);
@@ -124,18 +88,9 @@ void Interleave(const float* even, const float* odd, int64_t count, float* out) 
   HWY_DYNAMIC_DISPATCH(InterleaveKernel)(even, odd, count, out);
 }
 
-void Deinterleave(const float* in, int64_t count, float* even, float* odd) {
-  HWY_DYNAMIC_DISPATCH(DeinterleaveKernel)(in, count, even, odd);
-}
-
 void InverseHaar(const std::array<const float*, 8>& bands, int64_t count,
                  const std::array<float*, 4>& rows) {
   HWY_DYNAMIC_DISPATCH(InverseHaarKernel)(bands, count, rows);
-}
-
-void ForwardHaar(const std::array<const float*, 4>& rows, int64_t count,
-                 const std::array<float*, 8>& bands) {
-  HWY_DYNAMIC_DISPATCH(ForwardHaarKernel)(rows, count, bands);
 }
 
 }  // namespace fovea::wavelet::internal

@@ -4,9 +4,9 @@
 #include <array>
 #include <cstdint>
 
-/// The inner loops of the float transforms, compiled for every instruction set and chosen at run
-/// time. All of them give the same bits: no step is fused or reordered. Nothing needs alignment;
-/// what is written must not overlap what is read.
+/// The inner loops of the inverse float transforms, compiled for every instruction set and chosen
+/// at run time. All of them give the same bits: no step is fused or reordered. Nothing needs
+/// alignment; what is written must not overlap what is read.
 namespace fovea::wavelet::internal {
 
 /// target[i] += c * (a[i] + b[i]); a and b may overlap each other.
@@ -15,13 +15,9 @@ void Lift(float c, const float* a, const float* b, int64_t count, float* target)
 void Scale(float c, const float* in, int64_t count, float* out);
 /// out[2i] = even[i], out[2i + 1] = odd[i].
 void Interleave(const float* even, const float* odd, int64_t count, float* out);
-/// The reverse.
-void Deinterleave(const float* in, int64_t count, float* even, float* odd);
-/// InverseHaarRow and ForwardHaarRow of haar.h.
+/// InverseHaarRow of haar.h.
 void InverseHaar(const std::array<const float*, 8>& bands, int64_t count,
                  const std::array<float*, 4>& rows);
-void ForwardHaar(const std::array<const float*, 4>& rows, int64_t count,
-                 const std::array<float*, 8>& bands);
 
 }  // namespace fovea::wavelet::internal
 

@@ -7,31 +7,29 @@
 
 #include "engine/wavelet/kernels.h"
 
-/// Wavelets as lifting steps (Sweldens 1996; Daubechies and Sweldens 1998), for the transforms of
-/// this folder only. Along an axis the even samples become the low-pass and the odd ones the
-/// high-pass coefficients. A step changes all evens or all odds by their two neighbours of the
-/// other kind; the inverse takes the steps back in the reverse order. At the ends of a line
-/// symmetric extension means that a neighbour that is missing equals the one on the other side.
+/// The inverse of wavelets made of lifting steps (Sweldens 1996; Daubechies and Sweldens 1998), for
+/// the transforms of this folder only; the forward steps are in forward_kernels.cc. Along an axis
+/// the even samples become the low-pass and the odd ones the high-pass coefficients. A step changes
+/// all evens or all odds by their two neighbours of the other kind; the inverse takes the steps
+/// back in the reverse order. At the ends of a line symmetric extension means that a neighbour that
+/// is missing equals the one on the other side.
 namespace fovea::wavelet::internal {
 
-/// A scheme's Lift<kInverse>(step, target, a, b, n) changes target[i] by a[i] and b[i], its
-/// neighbours before and behind. Steps are numbered in the order of the inverse: step 0, 2 ..
-/// change evens, step 1, 3 .. odds. kMargin: coefficients beyond a window of the forward transform
-/// that a line needs on each side; kHalo: children beyond a window of the inverse.
+/// A scheme's Lift(step, target, a, b, n) changes target[i] by a[i] and b[i], its neighbours before
+/// and behind. Steps are numbered in the order of the inverse: step 0, 2 .. change evens, step 1,
+/// 3 .. odds. kHalo: children beyond a window of the inverse that it needs on each side.
 
 /// CDF 5/3 in floats.
 struct Cdf53 {
   using Value = float;
   static constexpr int kSteps = 2;
-  static constexpr int64_t kMargin = 1;
   static constexpr int64_t kHalo = 2;
   static constexpr bool kPairs = false;
   static constexpr float kLowScale = 1;
 
-  template <bool kInverse>
   void Lift(int step, float* target, const float* a, const float* b, int64_t n) const {
     const float c = step == 0 ? -0.25F : 0.5F;
-    internal::Lift(kInverse ? c : -c, a, b, n, target);
+    internal::Lift(c, a, b, n, target);
   }
 };
 
@@ -40,17 +38,15 @@ struct Cdf53 {
 struct Cdf97 {
   using Value = float;
   static constexpr int kSteps = 4;
-  static constexpr int64_t kMargin = 2;
   static constexpr int64_t kHalo = 4;
   static constexpr bool kPairs = false;
   /// Low-pass coefficients are the lifted evens divided by this, high-pass ones the odds times it.
   static constexpr float kLowScale = 1.230174104914001F;
 
-  template <bool kInverse>
   void Lift(int step, float* target, const float* a, const float* b, int64_t n) const {
     constexpr float kSteps97[] = {-0.443506852043971F, -0.882911075530934F, 0.052980118572961F,
                                   1.586134342059924F};
-    internal::Lift(kInverse ? kSteps97[step] : -kSteps97[step], a, b, n, target);
+    internal::Lift(kSteps97[step], a, b, n, target);
   }
 };
 
@@ -59,18 +55,16 @@ struct Cdf97 {
 struct IntegerCdf53 {
   using Value = int32_t;
   static constexpr int kSteps = 2;
-  static constexpr int64_t kMargin = 1;
   static constexpr int64_t kHalo = 2;
   static constexpr bool kPairs = false;
   static constexpr float kLowScale = 1;
   bool up = false;
 
-  template <bool kInverse>
   void Lift(int step, int32_t* __restrict target, const int32_t* a, const int32_t* b,
             int64_t n) const {
     const int32_t round = step == 0 ? (up ? 1 : 2) : (up ? 1 : 0);
     const int shift = step == 0 ? 2 : 1;
-    const int32_t sign = (step == 0) == kInverse ? -1 : 1;
+    const int32_t sign = step == 0 ? -1 : 1;
     for (int64_t i = 0; i < n; ++i) {
       target[i] += sign * ((a[i] + b[i] + round) >> shift);
     }
@@ -82,13 +76,11 @@ struct IntegerCdf53 {
 struct IntegerHaar {
   using Value = int32_t;
   static constexpr int kSteps = 2;
-  static constexpr int64_t kMargin = 0;
   static constexpr int64_t kHalo = 0;
   static constexpr bool kPairs = true;
   static constexpr float kLowScale = 1;
   bool up = false;
 
-  template <bool kInverse>
   void Lift(int step, int32_t* __restrict target, const int32_t* a, const int32_t* b,
             int64_t n) const {
     if (step == 1) {  // d = p - q and q = p - d
@@ -99,7 +91,7 @@ struct IntegerHaar {
     }
     const int32_t round = up ? 0 : 1;
     for (int64_t i = 0; i < n; ++i) {
-      target[i] += ((b[i] + round) >> 1) * (kInverse ? 1 : -1);
+      target[i] += (b[i] + round) >> 1;
     }
   }
 };
@@ -123,40 +115,33 @@ inline void Interleave(const int32_t* even, const int32_t* odd, int64_t count, i
     out[2 * i + 1] = odd[i];
   }
 }
-inline void Deinterleave(const int32_t* in, int64_t count, int32_t* even, int32_t* odd) {
-  for (int64_t i = 0; i < count; ++i) {
-    even[i] = in[2 * i];
-    odd[i] = in[2 * i + 1];
-  }
-}
 
 /// Lifts one line whose evens and odds lie apart. Both need a cell to write to before the first
 /// and behind the last.
-template <bool kInverse, typename Scheme>
+template <typename Scheme>
 void LiftRow(const Scheme& scheme, const LineLength& length, typename Scheme::Value* even,
              typename Scheme::Value* odd) {
   const auto [evens, odds] = length;
   if (odds == 0) {
     return;
   }
-  for (int i = 0; i < Scheme::kSteps; ++i) {
-    const int step = kInverse ? i : Scheme::kSteps - 1 - i;
+  for (int step = 0; step < Scheme::kSteps; ++step) {
     if (step % 2 == 0) {
       odd[-1] = odd[0];
       if (odds < evens) {
         odd[odds] = Scheme::kPairs ? 0 : odd[odds - 1];
       }
-      scheme.template Lift<kInverse>(step, even, odd - 1, odd, evens);
+      scheme.Lift(step, even, odd - 1, odd, evens);
     } else {
       even[evens] = even[evens - 1];
-      scheme.template Lift<kInverse>(step, odd, even, even + 1, odds);
+      scheme.Lift(step, odd, even, even + 1, odds);
     }
   }
 }
 
 /// Lifts along an axis whose samples are whole lines of `width` values, `stride` apart, evens and
 /// odds by turns.
-template <bool kInverse, typename Scheme>
+template <typename Scheme>
 void LiftLines(const Scheme& scheme, const LineLength& length, int64_t stride, int64_t width,
                typename Scheme::Value* lines) {
   const auto [evens, odds] = length;
@@ -165,18 +150,16 @@ void LiftLines(const Scheme& scheme, const LineLength& length, int64_t stride, i
   }
   const auto even = [&](int64_t i) { return lines + 2 * i * stride; };
   const auto odd = [&](int64_t i) { return lines + (2 * i + 1) * stride; };
-  for (int i = 0; i < Scheme::kSteps; ++i) {
-    const int step = kInverse ? i : Scheme::kSteps - 1 - i;
+  for (int step = 0; step < Scheme::kSteps; ++step) {
     if (step % 2 == 0) {
       const int64_t last = Scheme::kPairs ? odds : evens;
       for (int64_t k = 0; k < last; ++k) {
-        scheme.template Lift<kInverse>(step, even(k), odd(std::max<int64_t>(k - 1, 0)),
-                                       odd(std::min(k, odds - 1)), width);
+        scheme.Lift(step, even(k), odd(std::max<int64_t>(k - 1, 0)), odd(std::min(k, odds - 1)),
+                    width);
       }
     } else {
       for (int64_t k = 0; k < odds; ++k) {
-        scheme.template Lift<kInverse>(step, odd(k), even(k), even(std::min(k + 1, evens - 1)),
-                                       width);
+        scheme.Lift(step, odd(k), even(k), even(std::min(k + 1, evens - 1)), width);
       }
     }
   }

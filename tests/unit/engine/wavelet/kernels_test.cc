@@ -1,13 +1,16 @@
 // Every instruction set gives the bits that the plain arithmetic gives.
 #include "engine/wavelet/kernels.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <hwy/aligned_allocator.h>
 #include <hwy/targets.h>
 
+#include "engine/wavelet/forward_kernels.h"
 #include "engine/wavelet/haar.h"
 
 namespace fovea::wavelet::internal {
@@ -54,21 +57,16 @@ TEST(KernelsTest, LiftAndScale) {
   });
 }
 
-TEST(KernelsTest, InterleaveAndBack) {
+TEST(KernelsTest, InterleaveTakesTurns) {
   const std::vector<float> even = Noise(3, kMost), odd = Noise(4, kMost);
   ForAllTargets([&](int64_t count) {
-    std::vector<float> both(2 * kMost + 1, -7), first(kMost + 1, -7), second(kMost + 1, -7);
+    std::vector<float> both(2 * kMost + 1, -7);
     Interleave(even.data(), odd.data(), count, both.data());
-    Deinterleave(both.data(), count, first.data(), second.data());
     for (int64_t i = 0; i < count; ++i) {
       ASSERT_EQ(both[2 * i], even[i]);
       ASSERT_EQ(both[2 * i + 1], odd[i]);
-      ASSERT_EQ(first[i], even[i]);
-      ASSERT_EQ(second[i], odd[i]);
     }
     ASSERT_EQ(both[2 * count], -7);
-    ASSERT_EQ(first[count], -7);
-    ASSERT_EQ(second[count], -7);
   });
 }
 
@@ -97,18 +95,68 @@ TEST(KernelsTest, HaarRowsAreSumsAndDifferences) {
       }
       ASSERT_EQ(out[child / 2][2 * count], -7);
     }
-    std::vector<std::vector<float>> back(8, std::vector<float>(kMost));
-    std::array<float*, 8> to{};
-    for (int band = 0; band < 8; ++band) {
-      to[band] = back[band].data();
-    }
-    ForwardHaarRow({rows[0], rows[1], rows[2], rows[3]}, count, to);
-    for (int band = 0; band < 8; ++band) {
-      for (int64_t i = 0; i < count; ++i) {
-        ASSERT_NEAR(back[band][i], in[band][i], 1e-3) << band;
-      }
-    }
   });
+}
+
+/// What TransformStrip makes of random children, all on one instruction set: means, detail and the
+/// largest, as they are in memory.
+template <typename Value>
+std::vector<Value> Transformed(Wavelet wavelet, int64_t edge, int64_t bricks, bool up) {
+  const int64_t high = 2 * (edge + 2 * MarginOf(wavelet));
+  const int64_t wide = 2 * (bricks * edge + 2 * MarginOf(wavelet));
+  const auto cube = static_cast<size_t>(edge * edge * edge);
+  const std::vector<float> noise = Noise(5, high * high * wide);
+  const std::vector<Value> children(noise.begin(), noise.end());
+  std::vector<const Value*> slices;
+  std::vector<int64_t> rows;
+  for (int64_t i = 0; i < high; ++i) {
+    slices.push_back(children.data() + i * high * wide);
+    rows.push_back(i * wide);
+  }
+  StripInput<Value> in;
+  in.slices = slices.data();
+  in.rows = rows.data();
+  in.last = wide;
+  in.edge = edge;
+  in.bricks = bricks;
+  in.up = {up, !up, up};
+  const auto count = static_cast<size_t>(bricks);
+  const auto work = hwy::AllocateAligned<Value>(WorkCells<Value>(wavelet, edge) + 1);
+  std::fill_n(work.get(), WorkCells<Value>(wavelet, edge), Value{0});
+  const auto all = hwy::AllocateAligned<Value>(8 * cube * count);
+  std::vector<float> largest(count);
+  TransformStrip(wavelet, in, work.get(), all.get(), all.get() + cube * count, largest.data());
+  std::vector<Value> result(all.get(), all.get() + 8 * cube * count);
+  for (const float value : largest) {
+    result.push_back(static_cast<Value>(value));
+  }
+  return result;
+}
+
+template <typename Value>
+void ExpectSameOnAllTargets(Wavelet wavelet) {
+  for (const int64_t edge : {8, 16, 20}) {
+    const int64_t bricks = edge == 16 ? MostBricks<Value>(wavelet) : 1;
+    const std::vector<Value> expected = Transformed<Value>(wavelet, edge, bricks, edge == 8);
+    for (const int64_t target : hwy::SupportedAndGeneratedTargets()) {
+      hwy::SetSupportedTargetsForTest(target);
+      hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+      EXPECT_TRUE(Transformed<Value>(wavelet, edge, bricks, edge == 8) == expected)
+          << hwy::TargetName(target) << ", edge " << edge;
+    }
+    hwy::SetSupportedTargetsForTest(0);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  }
+}
+
+TEST(KernelsTest, StripsAreTheSameOnAllTargets) {
+  ExpectSameOnAllTargets<float>(Wavelet::kHaar);
+  ExpectSameOnAllTargets<float>(Wavelet::kCdf53);
+  ExpectSameOnAllTargets<float>(Wavelet::kCdf97);
+  for (const Wavelet wavelet : {Wavelet::kHaar, Wavelet::kCdf53}) {
+    ExpectSameOnAllTargets<int16_t>(wavelet);
+    ExpectSameOnAllTargets<int32_t>(wavelet);
+  }
 }
 
 }  // namespace
