@@ -7,6 +7,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "engine/wavelet/buffers.h"
 #include "engine/wavelet/forward_stream.h"
 
 namespace fovea::wavelet::internal {
@@ -120,12 +121,11 @@ StripMemory<Value>::StripMemory(const LevelShape& shape) {
   const auto cube = static_cast<size_t>(shape.edge * shape.edge * shape.edge);
   slices.resize(count);
   rows.resize(count);
-  children =
-      hwy::AllocateAligned<Value>(count * count * static_cast<size_t>(ChildrenOf(shape, most)));
-  const size_t cells = std::max<size_t>(WorkCells<Value>(shape.wavelet, shape.edge), 1);
-  work = hwy::AllocateAligned<Value>(cells);
+  children = TakeBuffer<Value>(count * count * static_cast<size_t>(ChildrenOf(shape, most)));
+  const size_t cells = WorkCells<Value>(shape.wavelet, shape.edge);
+  work = TakeBuffer<Value>(cells);
   std::fill_n(work.get(), cells, Value{0});  // what pads rows is lifted too
-  detail = hwy::AllocateAligned<Value>(7 * cube * static_cast<size_t>(most));
+  detail = TakeBuffer<Value>(7 * cube * static_cast<size_t>(most));
   input.slices = slices.data();
   input.rows = rows.data();
   input.edge = shape.edge;

@@ -8,8 +8,6 @@
 #include <span>
 #include <vector>
 
-#include <hwy/aligned_allocator.h>
-
 #include "engine/volume/brick_grid.h"
 #include "engine/volume/geometry.h"
 #include "engine/wavelet/forward_kernels.h"
@@ -47,7 +45,7 @@ struct StripMemory {
   std::vector<int64_t> rows;
   std::vector<CopiedChild> copied;
   std::array<std::vector<int64_t>, 3> samples;  // of each axis: where its children are in the level
-  hwy::AlignedFreeUniquePtr<Value[]> children, work, detail;
+  std::shared_ptr<Value> children, work, detail;
 };
 
 template <typename Value>

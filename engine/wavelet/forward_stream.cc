@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "engine/base/parallel.h"
+#include "engine/wavelet/buffers.h"
 #include "engine/wavelet/forward_kernels.h"
 #include "engine/wavelet/forward_source.h"
 
@@ -30,35 +31,27 @@ using internal::Strip;
 using internal::StripMemory;
 using internal::TransformStrip;
 
-/// Things that threads use by turns, made when there is none free.
-template <typename Thing>
-class Pool {
+/// Memory of strips that threads use by turns.
+template <typename Value>
+class StripPool {
  public:
-  template <typename Make>
-  std::unique_ptr<Thing> Take(const Make& make) {
+  std::unique_ptr<StripMemory<Value>> Take(const LevelShape& shape) {
     const std::lock_guard lock(mutex_);
     if (free_.empty()) {
-      return make();
+      return std::make_unique<StripMemory<Value>>(shape);
     }
-    auto thing = std::move(free_.back());
+    auto memory = std::move(free_.back());
     free_.pop_back();
-    return thing;
+    return memory;
   }
-  void GiveBack(std::unique_ptr<Thing> thing) {
+  void GiveBack(std::unique_ptr<StripMemory<Value>> memory) {
     const std::lock_guard lock(mutex_);
-    free_.push_back(std::move(thing));
+    free_.push_back(std::move(memory));
   }
 
  private:
   std::mutex mutex_;
-  std::vector<std::unique_ptr<Thing>> free_;
-};
-
-/// Memory for the means of a layer.
-template <typename Value>
-struct Cells {
-  size_t count = 0;
-  hwy::AlignedFreeUniquePtr<Value[]> values;
+  std::vector<std::unique_ptr<StripMemory<Value>>> free_;
 };
 
 /// Zeroes the coefficients of a brick past its first `counts` along each axis.
@@ -127,7 +120,6 @@ class Stream final : public ForwardStream {
     std::unique_ptr<Source<Value>> source;
     BrickSource<Value, Value>* means = nullptr;  // the source, where it is the level above's means
     int64_t next = 0;                            // the layer of bricks to make
-    std::shared_ptr<Pool<Cells<Value>>> cells = std::make_shared<Pool<Cells<Value>>>();
   };
 
   template <typename Action>
@@ -152,8 +144,6 @@ class Stream final : public ForwardStream {
   /// Counts slices; an error if there are too many.
   Status Receive(int64_t slices);
 
-  /// Memory for the means of a layer of `level`, to be used again when all copies are gone.
-  std::shared_ptr<Value> TakeCells(int level, size_t count);
   Status Advance(int level);
   Status MakeLayer(int level, int64_t z);
   Status MakeStrip(int level, const Strip& strip, StripMemory<Value>* memory, Value* means);
@@ -168,7 +158,7 @@ class Stream final : public ForwardStream {
   Grid coarse_;
   std::vector<Level> levels_;
   std::unique_ptr<Source<Value>> voxels_;  // where nothing is halved
-  Pool<StripMemory<Value>> memories_;
+  StripPool<Value> memories_;
 };
 
 template <typename Value>
@@ -244,20 +234,6 @@ Status Stream<Value>::PushBricks(std::shared_ptr<const BrickGrid> bricks, int64_
   return absl::OkStatus();
 }
 
-template <typename Value>
-std::shared_ptr<Value> Stream<Value>::TakeCells(int level, size_t count) {
-  const auto& pool = levels_[static_cast<size_t>(level)].cells;
-  auto cells = pool->Take([] { return std::make_unique<Cells<Value>>(); });
-  if (cells->count < count) {
-    cells->values = hwy::AllocateAligned<Value>(count);
-    cells->count = count;
-  }
-  Value* const values = cells->values.get();
-  return {values, [pool, held = cells.release()](Value* /*values*/) {
-            pool->GiveBack(std::unique_ptr<Cells<Value>>(held));
-          }};
-}
-
 /// Makes the layers of `level`, and of those below it, whose children are all there.
 template <typename Value>
 Status Stream<Value>::Advance(int level) {
@@ -305,15 +281,15 @@ Status Stream<Value>::MakeLayer(int level, int64_t z) {
   }
   const std::vector<int64_t> runs =
       Runs(parents, internal::MostBricks<Value>(options_.basis.wavelet));
-  const std::shared_ptr<Value> cells = TakeCells(level, parents.size() * CubeOf());
+  const std::shared_ptr<Value> cells =
+      internal::TakeBuffer<Value>(parents.size() * static_cast<size_t>(CubeOf()));
   const Value background = static_cast<Value>(options_.background - bias_);
   std::vector<BrickAt<Value>> means(parents.size());
   std::mutex mutex;
   Status failed;  // of the first strip, in order, that failed
   int64_t failed_at = std::ssize(runs);
   ParallelFor(0, std::ssize(runs) - 1, 2, options_.threads, [&](int64_t first, int64_t last) {
-    auto memory =
-        memories_.Take([&] { return std::make_unique<StripMemory<Value>>(ShapeOf(level)); });
+    auto memory = memories_.Take(ShapeOf(level));
     for (int64_t run = first; run < last; ++run) {
       const int64_t begin = runs[static_cast<size_t>(run)],
                     end = runs[static_cast<size_t>(run + 1)];

@@ -1,0 +1,25 @@
+#ifndef ENGINE_WAVELET_BUFFERS_H_
+#define ENGINE_WAVELET_BUFFERS_H_
+
+#include <cstddef>
+#include <memory>
+
+/// Working memory of the forward transform. What one stream is done with serves the next: fresh
+/// pages would cost a tenth of a Haar transform.
+namespace fovea::wavelet::internal {
+
+/// At least `bytes` bytes, aligned to 64, with any contents. When the last copy of the pointer
+/// goes, they are kept for the next taker (kMostKept in all, by the process). Thread-safe.
+[[nodiscard]] std::shared_ptr<std::byte> TakeBytes(size_t bytes);
+inline constexpr size_t kMostKept = size_t{64} << 20;
+
+/// The same for `count` values.
+template <typename Value>
+[[nodiscard]] std::shared_ptr<Value> TakeBuffer(size_t count) {
+  const std::shared_ptr<std::byte> bytes = TakeBytes(count * sizeof(Value));
+  return {bytes, reinterpret_cast<Value*>(bytes.get())};
+}
+
+}  // namespace fovea::wavelet::internal
+
+#endif  // ENGINE_WAVELET_BUFFERS_H_
