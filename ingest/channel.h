@@ -5,9 +5,11 @@
 #include <cstddef>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "engine/base/status.h"
 #include "ingest/protocol.h"
+#include "ingest/slab_ring.h"
 
 namespace fovea::ingest {
 
@@ -32,6 +34,10 @@ class Channel {
   /// time, INTERNAL if it announces more than kMaxPayloadBytes. Valid until the next Receive.
   [[nodiscard]] StatusOr<FrameView> Receive(Deadline deadline);
 
+  /// Memory that the two ends share beside the socket; null if none was attached.
+  void Attach(std::unique_ptr<SlabRing> slabs) { slabs_ = std::move(slabs); }
+  [[nodiscard]] SlabRing* slabs() const { return slabs_.get(); }
+
  private:
   [[nodiscard]] Status Wait(short events, Deadline deadline) const;
   /// Makes `size` bytes from `consumed_` on be there, side by side.
@@ -43,6 +49,7 @@ class Channel {
   size_t capacity_ = 0;               // of incoming_
   size_t received_ = 0;               // bytes of it that came
   size_t consumed_ = 0;               // of these, that were given out
+  std::unique_ptr<SlabRing> slabs_;
 };
 
 }  // namespace fovea::ingest

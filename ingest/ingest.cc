@@ -9,7 +9,7 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/store/dataset_writer.h"
-#include "engine/wavelet/transform.h"
+#include "ingest/field_stream.h"
 #include "ingest/raw_format.h"
 #include "ingest/sequence.h"
 #include "ingest/series_plan.h"
@@ -89,7 +89,10 @@ class Run {
   Status ScanAndPlan(const std::vector<SequenceFile>& files,
                      const std::optional<ExistingStore>& existing, bool from_voxels);
   Status WriteSteps(bool from_voxels);
-  Status WriteStep(const PlannedStep& step, StepVoxels voxels);
+  Status WriteStep(const PlannedStep& step, StepReader* reader);
+  StatusOr<std::unique_ptr<FieldStream>> StartField(size_t field, float background);
+  Status WriteSparse(const PlannedStep& step, SparseField sparse);
+  void CountOdd(const PlannedStep& step, size_t field, uint64_t nonfinite, uint64_t rounded);
   Status CreateStore();
   [[nodiscard]] bool GoOn(int64_t done, int64_t total, const std::string& now) const {
     return progress_ == nullptr || progress_({done, total, now});
@@ -219,42 +222,72 @@ Status Run::WriteSteps(bool from_voxels) {
     if (!GoOn(report_.steps, total, step.sources.front().path)) {
       return Cancelled("stopped as asked, after {} of {} steps", report_.steps, total);
     }
-    FOVEA_ASSIGN_OR_RETURN(StepVoxels voxels, reader.Next());
-    if (!voxels.outside.empty()) {
+    Status status = WriteStep(step, &reader);
+    if (metadata_was_wrong_) {
       metadata_was_wrong_ = !from_voxels && !options_.append;
-      return DataLoss(
-          "{} has active voxels outside the box that its metadata (file_bbox_min, file_bbox_max) "
-          "announces; write the file again with OpenVDB",
-          voxels.outside);
     }
-    FOVEA_RETURN_IF_ERROR(WriteStep(step, std::move(voxels)));
+    FOVEA_RETURN_IF_ERROR(status);
   }
   static_cast<void>(GoOn(report_.steps, total, ""));
   return absl::OkStatus();
 }
 
-Status Run::WriteStep(const PlannedStep& step, StepVoxels voxels) {
-  report_.read_ms += voxels.read_ms;
-  for (size_t i = 0; i < plan_.fields.size(); ++i) {
-    FieldVoxels field = std::move(voxels.fields[i]);
-    nonfinite_[i].Add(field.nonfinite, step.sources[i].path);
-    rounded_[i].Add(field.rounded, step.sources[i].path);
-    Stopwatch watch;
-    const FieldStats stats = ComputeStats(field.voxels);
-    const CoefficientSet coefficients =
-        wavelet::Forward(field.voxels, hierarchy_, basis_, options_.threads);
-    report_.transform_ms += watch.RestartMs();
-    if (writer_ == nullptr) {
-      FOVEA_RETURN_IF_ERROR(CreateStore());
+Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
+  std::unique_ptr<FieldStream> stream;  // of the field in hand
+  while (true) {
+    FOVEA_ASSIGN_OR_RETURN(StepPart part, reader->Next());
+    const Stopwatch watch;
+    if (auto* sparse = std::get_if<SparseField>(&part)) {
+      FOVEA_RETURN_IF_ERROR(WriteSparse(step, std::move(*sparse)));
+    } else if (auto* piece = std::get_if<DensePiece>(&part)) {
+      if (stream == nullptr) {
+        FOVEA_ASSIGN_OR_RETURN(stream, StartField(piece->field, 0));
+      }
+      FOVEA_RETURN_IF_ERROR(
+          Annotate(stream->Push(std::move(piece->slices)), step.sources[piece->field].path));
+    } else if (const auto* end = std::get_if<DenseEnd>(&part)) {
+      CountOdd(step, end->field, end->nonfinite, end->rounded);
+      FOVEA_RETURN_IF_ERROR(stream->Finish(end->stats));
+      stream.reset();
+    } else {
+      report_.read_ms += std::get<StepEnd>(part).read_ms;
+      break;
     }
-    FOVEA_RETURN_IF_ERROR(writer_->WriteField(plan_.fields[i], coefficients, stats));
-    report_.write_ms += watch.ElapsedMs();
+    report_.transform_ms += watch.ElapsedMs();
   }
   const Stopwatch watch;
   FOVEA_RETURN_IF_ERROR(writer_->Commit(step.time_ns, step.frame_number));
   report_.write_ms += watch.ElapsedMs();
   ++report_.steps;
   return absl::OkStatus();
+}
+
+StatusOr<std::unique_ptr<FieldStream>> Run::StartField(size_t field, float background) {
+  if (writer_ == nullptr) {
+    FOVEA_RETURN_IF_ERROR(CreateStore());
+  }
+  return FieldStream::Start(writer_.get(), plan_.fields[field], basis_, background,
+                            options_.threads);
+}
+
+Status Run::WriteSparse(const PlannedStep& step, SparseField sparse) {
+  if (!sparse.outside.empty()) {
+    metadata_was_wrong_ = true;
+    return DataLoss(
+        "{} has active voxels outside the box that its metadata (file_bbox_min, file_bbox_max) "
+        "announces; write the file again with OpenVDB",
+        sparse.outside);
+  }
+  CountOdd(step, sparse.field, sparse.voxels.nonfinite, sparse.voxels.rounded);
+  auto voxels = std::make_shared<const BrickGrid>(std::move(sparse.voxels.voxels));
+  FOVEA_ASSIGN_OR_RETURN(const auto stream, StartField(sparse.field, voxels->background()));
+  FOVEA_RETURN_IF_ERROR(stream->Push(voxels));
+  return stream->Finish(ComputeStats(*voxels));
+}
+
+void Run::CountOdd(const PlannedStep& step, size_t field, uint64_t nonfinite, uint64_t rounded) {
+  nonfinite_[field].Add(nonfinite, step.sources[field].path);
+  rounded_[field].Add(rounded, step.sources[field].path);
 }
 
 /// Late, when the first step is ready to be written: a series that fails at once leaves nothing.

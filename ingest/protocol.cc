@@ -5,6 +5,7 @@
 
 #include "ingest/payload.h"
 #include "ingest/raw_format.h"
+#include "ingest/slab_ring.h"
 
 namespace fovea::ingest {
 namespace {
@@ -150,6 +151,24 @@ Frame Encode(const FieldEnd& message) {
   return {FrameKind::kFieldEnd, writer.Take()};
 }
 
+Frame Encode(const DenseStart& message) {
+  PayloadWriter writer;
+  writer.Number(message.index).Number(static_cast<uint8_t>(message.type)).Box(message.box);
+  return {FrameKind::kDense, writer.Take()};
+}
+
+Frame Encode(const SlabRows& message) {
+  PayloadWriter writer;
+  writer.Number(message.slab).Number(message.rows);
+  return {FrameKind::kSlab, writer.Take()};
+}
+
+Frame EncodeSlabFree(uint32_t slab) {
+  PayloadWriter writer;
+  writer.Number(slab);
+  return {FrameKind::kSlabFree, writer.Take()};
+}
+
 Frame EncodeBlock(const Box3& box, std::span<const float> values) {
   PayloadWriter writer;
   writer.Box(box).Floats(values);
@@ -291,6 +310,56 @@ StatusOr<FieldEnd> DecodeFieldEnd(const FrameView& frame) {
     return Malformed("box of a field");
   }
   return message;
+}
+
+int64_t BytesOf(DenseType type) {
+  switch (type) {
+    case DenseType::kUint8:
+    case DenseType::kInt8:
+      return 1;
+    case DenseType::kUint16:
+    case DenseType::kInt16:
+      return 2;
+    case DenseType::kFloat32:
+      break;
+  }
+  return 4;
+}
+
+StatusOr<DenseStart> DecodeDenseStart(const FrameView& frame) {
+  PayloadReader reader(frame.payload);
+  DenseStart message;
+  message.index = reader.Number<uint32_t>();
+  const auto type = reader.Number<uint8_t>();
+  message.type = static_cast<DenseType>(type);
+  message.box = reader.Box();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kDense, reader, "dense field"));
+  if (type > static_cast<uint8_t>(DenseType::kFloat32) || !IsSaneBox(message.box, false)) {
+    return Malformed("type or box of a dense field");
+  }
+  return message;
+}
+
+StatusOr<SlabRows> DecodeSlabRows(const FrameView& frame) {
+  PayloadReader reader(frame.payload);
+  SlabRows message;
+  message.slab = reader.Number<uint32_t>();
+  message.rows = reader.Number<int64_t>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kSlab, reader, "slab"));
+  if (message.slab >= kSlabs || message.rows < 1) {
+    return Malformed("slab");
+  }
+  return message;
+}
+
+StatusOr<uint32_t> DecodeSlabFree(const FrameView& frame) {
+  PayloadReader reader(frame.payload);
+  const auto slab = reader.Number<uint32_t>();
+  FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kSlabFree, reader, "free slab"));
+  if (slab >= kSlabs) {
+    return Malformed("free slab");
+  }
+  return slab;
 }
 
 StatusOr<Block> DecodeBlock(const FrameView& frame) {

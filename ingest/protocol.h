@@ -18,7 +18,7 @@
 /// decoders here check every length, box and number, and fail with INTERNAL.
 namespace fovea::ingest {
 
-inline constexpr uint32_t kProtocolVersion = 2;
+inline constexpr uint32_t kProtocolVersion = 3;
 inline constexpr uint32_t kMaxPayloadBytes = 8U << 20;
 /// Values in one block; a block of dense data never holds more.
 inline constexpr int64_t kMaxBlockValues = 1 << 20;
@@ -37,6 +37,9 @@ enum class FrameKind : uint32_t {
   kFieldEnd = 11,  // worker: all voxels of the grid were sent
   kEnd = 12,       // worker: the request is done
   kError = 13,     // worker: the request failed
+  kDense = 14,     // worker: the voxels of one grid follow, in slabs
+  kSlab = 15,      // worker: rows of voxels lie in a slab (slab_ring.h)
+  kSlabFree = 16,  // program: they were taken out, the slab may be filled again
   kFiles = 20,     // program, first of all: files that may be read
   kBegin = 21,     // program, once: those were all; to be answered with kHello
 };
@@ -108,6 +111,22 @@ struct FieldStart {
   float fill = 0;        // what every voxel is that no block or tile covers
 };
 
+/// The types in which dense voxels travel; any other becomes float32 in the worker.
+enum class DenseType : uint8_t { kUint8, kInt8, kUint16, kInt16, kFloat32 };
+[[nodiscard]] int64_t BytesOf(DenseType type);
+
+struct DenseStart {
+  uint32_t index = 0;  // in ReadRequest::grids
+  DenseType type = DenseType::kUint8;
+  Box3 box;  // what comes, x fastest, then y, then z; all the rest of the extent is 0
+};
+
+/// The next rows (along x) of the box.
+struct SlabRows {
+  uint32_t slab = 0;
+  int64_t rows = 0;
+};
+
 struct FieldEnd {
   Box3 active;           // the box of the active voxels, as found
   uint64_t rounded = 0;  // values that float32 does not hold exactly
@@ -131,6 +150,9 @@ struct Tile {
 [[nodiscard]] Frame Encode(const GridInfo& message);
 [[nodiscard]] Frame Encode(const FieldStart& message);
 [[nodiscard]] Frame Encode(const FieldEnd& message);
+[[nodiscard]] Frame Encode(const DenseStart& message);
+[[nodiscard]] Frame Encode(const SlabRows& message);
+[[nodiscard]] Frame EncodeSlabFree(uint32_t slab);
 [[nodiscard]] Frame EncodeBlock(const Box3& box, std::span<const float> values);
 [[nodiscard]] Frame Encode(const Tile& message);
 /// As many frames as it takes.
@@ -146,6 +168,10 @@ struct Tile {
 [[nodiscard]] StatusOr<GridInfo> DecodeGridInfo(const FrameView& frame);
 [[nodiscard]] StatusOr<FieldStart> DecodeFieldStart(const FrameView& frame);
 [[nodiscard]] StatusOr<FieldEnd> DecodeFieldEnd(const FrameView& frame);
+[[nodiscard]] StatusOr<DenseStart> DecodeDenseStart(const FrameView& frame);
+/// The slab is one of the ring; of the rows, only that they are more than none.
+[[nodiscard]] StatusOr<SlabRows> DecodeSlabRows(const FrameView& frame);
+[[nodiscard]] StatusOr<uint32_t> DecodeSlabFree(const FrameView& frame);
 /// The values may be NaN or infinite.
 [[nodiscard]] StatusOr<Block> DecodeBlock(const FrameView& frame);
 [[nodiscard]] StatusOr<Tile> DecodeTile(const FrameView& frame);

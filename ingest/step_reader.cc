@@ -3,11 +3,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <set>
 #include <system_error>
 #include <utility>
 
+#include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 
 namespace fovea::ingest {
@@ -18,6 +20,11 @@ namespace {
 int64_t MaxStepBytes() {
   return int64_t{::sysconf(_SC_PHYS_PAGES)} * ::sysconf(_SC_PAGE_SIZE) / 4;
 }
+
+constexpr size_t kMostLanes = 2;
+/// What may wait in a lane: so many parts, and so many bytes if there is more than one.
+constexpr size_t kMostParts = 64;
+constexpr int64_t kMostPartBytes = 64 << 20;
 
 int64_t LargestFile(const std::vector<SequenceFile>& files) {
   int64_t largest = 0;
@@ -102,10 +109,17 @@ StatusOr<std::vector<ScannedFile>> ScanFiles(
 }
 
 StepReader::StepReader(const IngestOptions& options, const SeriesPlan& plan)
-    : options_(options),
-      plan_(plan),
-      client_(WorkerFor(options, options.raw ? 0 : plan.declared_bytes, PathsOf(plan))),
-      thread_([this] { ReadAll(); }) {}
+    : options_(options), plan_(plan) {
+  const int threads = options.threads > 0 ? options.threads : HardwareThreads();
+  const size_t lanes = std::clamp<size_t>(plan.steps.size(), 1, threads > 1 ? kMostLanes : 1);
+  for (size_t lane = 0; lane < lanes; ++lane) {
+    lanes_.push_back(std::make_unique<Lane>(
+        WorkerFor(options, options.raw ? 0 : plan.declared_bytes, PathsOf(plan))));
+  }
+  for (size_t lane = 0; lane < lanes; ++lane) {
+    lanes_[lane]->thread = std::thread([this, lane] { ReadAll(lane); });
+  }
+}
 
 StepReader::~StepReader() {
   {
@@ -113,40 +127,60 @@ StepReader::~StepReader() {
     stopped_ = true;
   }
   changed_.notify_all();
-  client_.Interrupt();
-  thread_.join();
+  for (const auto& lane : lanes_) {
+    lane->client.Interrupt();
+  }
+  for (const auto& lane : lanes_) {
+    lane->thread.join();
+  }
 }
 
-StatusOr<StepVoxels> StepReader::Next() {
+StatusOr<StepPart> StepReader::Next() {
   std::unique_lock lock(mutex_);
-  changed_.wait(lock, [this] { return ready_.has_value(); });
-  StatusOr<StepVoxels> step = std::move(*ready_);
-  ready_.reset();
+  Lane& lane = *lanes_[next_step_ % lanes_.size()];
+  changed_.wait(lock, [&] { return !lane.parts.empty(); });
+  StatusOr<StepPart> part = std::move(lane.parts.front());
+  lane.parts.pop_front();
+  if (lane.parts.empty()) {
+    lane.bytes = 0;
+  }
+  if (part.ok() && std::holds_alternative<StepEnd>(*part)) {
+    ++next_step_;
+  }
   changed_.notify_all();
-  return step;
+  return part;
 }
 
-void StepReader::ReadAll() {
-  for (const PlannedStep& step : plan_.steps) {
-    StatusOr<StepVoxels> voxels = Read(step);
-    const bool is_last = !voxels.ok();
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return stopped_ || !ready_.has_value(); });
-    if (stopped_) {
-      return;
-    }
-    ready_ = std::move(voxels);
-    changed_.notify_all();
-    if (is_last) {
+Status StepReader::Push(Lane* lane, StatusOr<StepPart> part, int64_t bytes) {
+  const Stopwatch watch;
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] {
+    return stopped_ || lane->parts.empty() ||
+           (lane->parts.size() < kMostParts && lane->bytes + bytes <= kMostPartBytes);
+  });
+  if (stopped_) {
+    return Cancelled("stopped");
+  }
+  lane->parts.push_back(std::move(part));
+  lane->bytes += bytes;
+  lane->waited_ms += watch.ElapsedMs();
+  changed_.notify_all();
+  return absl::OkStatus();
+}
+
+void StepReader::ReadAll(size_t lane) {
+  for (size_t step = lane; step < plan_.steps.size(); step += lanes_.size()) {
+    const Status status = Read(plan_.steps[step], lanes_[lane].get());
+    if (!status.ok()) {
+      [[maybe_unused]] const Status stopped = Push(lanes_[lane].get(), status, 0);
       return;
     }
   }
 }
 
-StatusOr<StepVoxels> StepReader::Read(const PlannedStep& step) {
+Status StepReader::Read(const PlannedStep& step, Lane* lane) {
   const Stopwatch watch;
-  StepVoxels result;
-  result.fields.resize(step.sources.size());
+  lane->waited_ms = 0;
   int64_t bytes_left = MaxStepBytes();
   std::vector<bool> is_read(step.sources.size(), false);
   for (size_t first = 0; first < step.sources.size(); ++first) {
@@ -165,23 +199,50 @@ StatusOr<StepVoxels> StepReader::Read(const PlannedStep& step) {
         request.grids.push_back(other.grid);
       }
     }
-    StepAssembler assembler(plan_.extent, options_.chunk_edge, members.size(), bytes_left);
-    client_.Allow({source.path});
-    FOVEA_RETURN_IF_ERROR(
-        client_.Call(source.path, Encode(request), {},
-                     [&](const FrameView& reply) { return assembler.Consume(reply); }));
-    auto fields = assembler.Finish();
-    FOVEA_RETURN_IF_ERROR(Annotate(fields.status(), source.path));
-    bytes_left = assembler.bytes_left();
-    for (size_t i = 0; i < members.size(); ++i) {
-      if (!plan_.extent.Contains((*fields)[i].active)) {
-        result.outside = fmt::format("{}: grid '{}'", source.path, Printable(request.grids[i]));
-      }
-      result.fields[members[i]] = std::move((*fields)[i]);
-    }
+    lane->client.Allow({source.path});
+    FOVEA_RETURN_IF_ERROR(ReadFields(source.path, request, members, &bytes_left, lane));
   }
-  result.read_ms = watch.ElapsedMs();
-  return result;
+  return Push(lane, StepPart(StepEnd{watch.ElapsedMs() - lane->waited_ms}), 0);
+}
+
+Status StepReader::ReadFields(const std::string& path, const ReadRequest& request,
+                              const std::vector<size_t>& members, int64_t* bytes_left, Lane* lane) {
+  StepAssembler assembler(plan_.extent, options_.chunk_edge, members.size(), *bytes_left);
+  DenseField dense(plan_.extent, 2 * options_.chunk_edge, *bytes_left / 8, buffers_);
+  const auto push = [&](DenseSlices slices) -> Status {
+    const double before = lane->waited_ms;
+    const int64_t bytes = slices.bytes;
+    const Status pushed =
+        Push(lane, StepPart(DensePiece{members.front(), std::move(slices)}), bytes);
+    lane->client.Excuse(
+        std::chrono::microseconds(static_cast<int64_t>(1000 * (lane->waited_ms - before))));
+    return pushed;
+  };
+  FOVEA_RETURN_IF_ERROR(
+      lane->client.Call(path, Encode(request), {}, [&](const FrameView& reply) -> Status {
+        const bool is_dense = reply.kind == FrameKind::kDense && members.size() == 1;
+        return is_dense || dense.has_begun() ? dense.Consume(reply, lane->client.slabs(), push)
+                                             : assembler.Consume(reply);
+      }));
+  if (dense.has_begun()) {
+    auto end = dense.Finish();
+    FOVEA_RETURN_IF_ERROR(Annotate(end.status(), path));
+    end->field = members.front();
+    return Push(lane, StepPart(*std::move(end)), 0);
+  }
+  auto fields = assembler.Finish();
+  FOVEA_RETURN_IF_ERROR(Annotate(fields.status(), path));
+  *bytes_left = assembler.bytes_left();
+  for (size_t i = 0; i < members.size(); ++i) {
+    SparseField field{members[i], std::move((*fields)[i]), ""};
+    if (!plan_.extent.Contains(field.voxels.active)) {
+      field.outside = fmt::format("{}: grid '{}'", path, Printable(request.grids[i]));
+    }
+    const BrickGrid& voxels = field.voxels.voxels;
+    const int64_t bytes = std::ssize(voxels.bricks()) * voxels.brick_values() * 4;
+    FOVEA_RETURN_IF_ERROR(Push(lane, StepPart(std::move(field)), bytes));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace fovea::ingest

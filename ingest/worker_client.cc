@@ -46,10 +46,11 @@ int64_t ProcessorSecondsPerFile(const WorkerLimits& limits) {
   return pages > 0 && page_bytes > 0 ? pages * page_bytes : int64_t{4} << 30;
 }
 
-/// Starts `program` with `socket` as its standard input, nothing else inherited, in a process group
-/// of its own (Ctrl-C is for us: we stop between steps), with signals as a fresh process has them.
+/// Starts `program` with `socket` as its standard input, `slabs` as kSlabDescriptor, nothing else
+/// inherited, in a process group of its own (Ctrl-C is for us: we stop between steps), with signals
+/// as a fresh process has them.
 StatusOr<pid_t> Spawn(const std::string& program, const std::vector<std::string>& arguments,
-                      int socket) {
+                      int socket, int slabs) {
   posix_spawn_file_actions_t actions;
   posix_spawnattr_t attributes;
   ::posix_spawn_file_actions_init(&actions);
@@ -59,7 +60,8 @@ StatusOr<pid_t> Spawn(const std::string& program, const std::vector<std::string>
 #ifndef FOVEA_SANITIZED  // a sanitizer's report must reach somebody
   ::posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
 #endif
-  ::posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+  ::posix_spawn_file_actions_adddup2(&actions, slabs, kSlabDescriptor);
+  ::posix_spawn_file_actions_addclosefrom_np(&actions, kSlabDescriptor + 1);
   sigset_t none;
   sigset_t all;
   ::sigemptyset(&none);
@@ -125,6 +127,7 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
   if (program.empty()) {
     FOVEA_ASSIGN_OR_RETURN(program, FindProgram("fovea-worker"));
   }
+  FOVEA_ASSIGN_OR_RETURN(std::unique_ptr<SlabRing> slabs, SlabRing::Make());
   int sockets[2] = {-1, -1};
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets) != 0) {
     return Unavailable("cannot make a socket pair: {}", std::strerror(errno));
@@ -134,8 +137,10 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
                          {"--memory-bytes", std::to_string(WorkerMemoryBytes(options_)),
                           "--cpu-seconds", std::to_string(ProcessorSecondsPerFile(options_.limits)),
                           "--dies-with-thread", options_.dies_with_thread ? "1" : "0"},
-                         sockets[1]);
+                         sockets[1], slabs->descriptor());
   ::close(sockets[1]);
+  slabs->CloseDescriptor();
+  channel_->Attach(std::move(slabs));
   FOVEA_RETURN_IF_ERROR(pid.status());
   {
     const std::lock_guard lock(pid_mutex_);
@@ -188,29 +193,40 @@ void WorkerClient::Allow(const std::vector<std::string>& files) {
 
 Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
                               const std::function<Status(const FrameView&)>& on_reply,
-                              Channel::Deadline deadline, bool* is_clean) {
+                              bool* is_clean) {
   ForgetIfDead();
   if (channel_ == nullptr) {
-    FOVEA_RETURN_IF_ERROR(Start(deadline));
+    FOVEA_RETURN_IF_ERROR(Start(deadline_));
   }
-  FOVEA_RETURN_IF_ERROR(channel_->Send(request, deadline));
+  FOVEA_RETURN_IF_ERROR(channel_->Send(request, deadline_));
   for (size_t begin = 0; begin < attachment.size(); begin += kAttachmentPieceBytes) {
     const Frame piece{FrameKind::kBytes,
                       std::string(attachment.substr(begin, kAttachmentPieceBytes))};
-    FOVEA_RETURN_IF_ERROR(channel_->Send(piece, deadline));
+    FOVEA_RETURN_IF_ERROR(channel_->Send(piece, deadline_));
   }
-  FOVEA_RETURN_IF_ERROR(channel_->Flush(deadline));
+  FOVEA_RETURN_IF_ERROR(channel_->Flush(deadline_));
   while (true) {
-    FOVEA_ASSIGN_OR_RETURN(const FrameView reply, channel_->Receive(deadline));
+    FOVEA_ASSIGN_OR_RETURN(const FrameView reply, channel_->Receive(deadline_));
     if (reply.kind == FrameKind::kError || reply.kind == FrameKind::kEnd) {
       *is_clean = true;
       return reply.kind == FrameKind::kEnd ? absl::OkStatus() : DecodeError(reply);
     }
-    FOVEA_RETURN_IF_ERROR(on_reply(reply));
-    if (std::chrono::steady_clock::now() > deadline) {  // a worker that never stops talking
+    FOVEA_RETURN_IF_ERROR(HandOut(reply, on_reply));
+    if (std::chrono::steady_clock::now() > deadline_) {  // a worker that never stops talking
       return DeadlineExceeded("no end in time");
     }
   }
+}
+
+Status WorkerClient::HandOut(const FrameView& reply,
+                             const std::function<Status(const FrameView&)>& on_reply) {
+  if (reply.kind != FrameKind::kSlab) {
+    return on_reply(reply);
+  }
+  FOVEA_ASSIGN_OR_RETURN(const SlabRows rows, DecodeSlabRows(reply));
+  FOVEA_RETURN_IF_ERROR(on_reply(reply));
+  FOVEA_RETURN_IF_ERROR(channel_->Send(EncodeSlabFree(rows.slab), deadline_));
+  return channel_->Flush(deadline_);
 }
 
 Channel::Deadline WorkerClient::NewDeadline() const {
@@ -223,7 +239,8 @@ Status WorkerClient::Call(const std::string& about, const Frame& request,
                           std::string_view attachment,
                           const std::function<Status(const FrameView&)>& on_reply) {
   bool is_clean = false;
-  Status status = Exchange(request, attachment, on_reply, NewDeadline(), &is_clean);
+  deadline_ = NewDeadline();
+  Status status = Exchange(request, attachment, on_reply, &is_clean);
   if (!is_clean) {
     status = GiveUp(status);
   }

@@ -60,6 +60,13 @@ class WorkerClient {
   /// replaced: name as many as are known in WorkerOptions::files.
   void Allow(const std::vector<std::string>& files);
 
+  /// What the worker shares (slab_ring.h), in on_reply; null if nothing.
+  [[nodiscard]] SlabRing* slabs() const {
+    return channel_ == nullptr ? nullptr : channel_->slabs();
+  }
+  /// In on_reply: time that it waited for something else than the worker.
+  void Excuse(std::chrono::steady_clock::duration waited) { deadline_ += waited; }
+
   /// Starts a worker, if none runs, and says how it is confined. Fails as Call does.
   [[nodiscard]] StatusOr<Hello> Greet();
 
@@ -83,7 +90,10 @@ class WorkerClient {
   [[nodiscard]] Status Start(Channel::Deadline deadline);
   [[nodiscard]] Status Exchange(const Frame& request, std::string_view attachment,
                                 const std::function<Status(const FrameView&)>& on_reply,
-                                Channel::Deadline deadline, bool* is_clean);
+                                bool* is_clean);
+  /// Gives a reply out; of a slab, the worker hears that it may fill it again.
+  [[nodiscard]] Status HandOut(const FrameView& reply,
+                               const std::function<Status(const FrameView&)>& on_reply);
   [[nodiscard]] Status DescribeDeath();
   void ForgetIfDead();
   void Stop();
@@ -91,6 +101,7 @@ class WorkerClient {
 
   WorkerOptions options_;
   std::unique_ptr<Channel> channel_;
+  Channel::Deadline deadline_;                              // of the call in hand
   std::unordered_map<std::string, FileIdentity> readable_;  // for the worker that runs
   Hello hello_;                                             // of it
   mutable std::mutex pid_mutex_;

@@ -14,6 +14,7 @@
 
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
+#include "ingest/slab_ring.h"
 #include "ingest/worker/limits.h"
 #include "ingest/worker/picture_encoder.h"
 #include "ingest/worker/raw_reader.h"
@@ -135,7 +136,12 @@ int Main(int argc, char** argv) {
     return 2;
   }
   Channel channel(STDIN_FILENO);
-  Status status = LimitProcess(settings.memory_bytes, settings.dies_with_thread);
+  auto slabs = SlabRing::Adopt();
+  Status status = slabs.status();
+  if (status.ok()) {
+    channel.Attach(std::move(*slabs));
+    status = LimitProcess(settings.memory_bytes, settings.dies_with_thread);
+  }
   if (status.ok()) {
     status = Serve(settings, &channel);
   }

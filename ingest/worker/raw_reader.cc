@@ -5,15 +5,17 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <bit>
 #include <cerrno>
 #include <cstring>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include "ingest/raw_format.h"
+#include "ingest/slab_ring.h"
+#include "ingest/worker/slab_sender.h"
 #include "ingest/worker/to_float.h"
 
 namespace fovea::ingest {
@@ -39,10 +41,10 @@ class File {
     return static_cast<int64_t>(about.st_size);
   }
 
-  [[nodiscard]] Status ReadAt(int64_t offset, std::vector<char>* bytes) const {
+  [[nodiscard]] Status ReadAt(int64_t offset, std::span<std::byte> bytes) const {
     size_t done = 0;
-    while (done < bytes->size()) {
-      const ssize_t count = ::pread(descriptor_, bytes->data() + done, bytes->size() - done,
+    while (done < bytes.size()) {
+      const ssize_t count = ::pread(descriptor_, bytes.data() + done, bytes.size() - done,
                                     offset + static_cast<int64_t>(done));
       if (count == 0) {
         return DataLoss("the file became shorter while it was read");
@@ -70,45 +72,49 @@ StatusOr<int64_t> CheckSize(const File& file, const RawFormat& format) {
   return found;
 }
 
-/// This machine is little-endian (payload.h sees to it), so big-endian values are swapped.
-template <typename T>
-uint64_t Convert(const std::vector<char>& bytes, bool swap, std::vector<float>* values) {
-  uint64_t rounded = 0;
-  for (size_t i = 0; i < values->size(); ++i) {
-    char raw[sizeof(T)];
-    std::memcpy(raw, bytes.data() + i * sizeof(T), sizeof(T));
-    if (swap) {
-      std::reverse(raw, raw + sizeof(T));
+/// The type in which it travels: its own if that is one of them, else float32.
+DenseType TravelType(const std::string& type) {
+  constexpr std::pair<std::string_view, DenseType> kAsTheyAre[] = {
+      {"uint8", DenseType::kUint8},
+      {"int8", DenseType::kInt8},
+      {"uint16", DenseType::kUint16},
+      {"int16", DenseType::kInt16},
+  };
+  for (const auto& [name, travels] : kAsTheyAre) {
+    if (name == type) {
+      return travels;
     }
-    (*values)[i] = ToFloat(std::bit_cast<T>(raw), &rounded);
+  }
+  return DenseType::kFloat32;
+}
+
+/// This machine is little-endian (payload.h sees to it), so big-endian values are swapped.
+void Swap(std::span<std::byte> bytes, size_t size) {
+  for (size_t i = 0; i + size <= bytes.size(); i += size) {
+    std::reverse(bytes.data() + i, bytes.data() + i + size);
+  }
+}
+
+template <typename T>
+uint64_t Convert(std::span<const std::byte> bytes, std::byte* to) {
+  uint64_t rounded = 0;
+  for (size_t i = 0; i + sizeof(T) <= bytes.size(); i += sizeof(T), to += sizeof(float)) {
+    T value;
+    std::memcpy(&value, bytes.data() + i, sizeof(T));
+    const float converted = ToFloat(value, &rounded);
+    std::memcpy(to, &converted, sizeof(float));
   }
   return rounded;
 }
 
-using Converter = uint64_t (*)(const std::vector<char>&, bool, std::vector<float>*);
+using Converter = uint64_t (*)(std::span<const std::byte>, std::byte*);
 
+/// Null: it travels as it is.
 Converter ConverterOf(const std::string& type) {
-  constexpr std::pair<std::string_view, Converter> kConverters[] = {
-      {"uint8", Convert<uint8_t>}, {"int8", Convert<int8_t>},     {"uint16", Convert<uint16_t>},
-      {"int16", Convert<int16_t>}, {"uint32", Convert<uint32_t>}, {"int32", Convert<int32_t>},
-      {"float32", Convert<float>}, {"float64", Convert<double>},
-  };
-  for (const auto& [name, converter] : kConverters) {
-    if (name == type) {
-      return converter;
-    }
-  }
-  return nullptr;  // CheckRawFormat knows the same types
-}
-
-/// The next slab from `at` (y, z) on: whole slices, or rows of one slice where a slice is too
-/// large.
-Box3 NextSlab(const Int3& dims, int64_t y, int64_t z) {
-  const int64_t rows = std::max<int64_t>(1, kMaxBlockValues / dims.x);
-  if (y > 0 || rows < dims.y) {
-    return {{0, y, z}, {dims.x, std::min(dims.y, y + rows), z + 1}};
-  }
-  return {{0, 0, z}, {dims.x, dims.y, std::min(dims.z, z + rows / dims.y)}};
+  return type == "uint32"    ? Convert<uint32_t>
+         : type == "int32"   ? Convert<int32_t>
+         : type == "float64" ? Convert<double>
+                             : nullptr;
 }
 
 }  // namespace
@@ -132,24 +138,31 @@ Status ReadRaw(const ReadRequest& request, Channel* channel) {
       request.step_in_file < 0 || request.step_in_file >= format.steps_per_file) {
     return InvalidArgument("a request that does not fit the raw format");
   }
-  FOVEA_RETURN_IF_ERROR(channel->Send(Encode(FieldStart{}), Channel::kNoDeadline));
+  const DenseType travels = TravelType(format.type);
+  SlabSender sender(channel);
+  FOVEA_RETURN_IF_ERROR(sender.Start({0, travels, request.extent}));
   int64_t offset = format.header_bytes + request.step_in_file * BytesPerStep(format);
   FieldEnd end{request.extent, 0};
   const Converter convert = ConverterOf(format.type);
-  std::vector<char> bytes;
-  std::vector<float> values;
-  for (int64_t z = 0, y = 0; z < format.dims.z;) {
-    const Box3 slab = NextSlab(format.dims, y, z);
-    bytes.resize(static_cast<size_t>(slab.Volume() * BytesPerValue(format.type)));
-    values.resize(static_cast<size_t>(slab.Volume()));
-    FOVEA_RETURN_IF_ERROR(file.ReadAt(offset, &bytes));
-    end.rounded += convert(bytes, format.big_endian, &values);
-    FOVEA_RETURN_IF_ERROR(channel->Send(EncodeBlock(slab, values), Channel::kNoDeadline));
-    offset += static_cast<int64_t>(bytes.size());
-    y = slab.hi.y < format.dims.y ? slab.hi.y : 0;
-    z = y > 0 ? z : slab.hi.z;
+  const int64_t row_bytes = format.dims.x * BytesPerValue(format.type);
+  const int64_t at_once = static_cast<int64_t>(kSlabBytes) / (format.dims.x * BytesOf(travels));
+  std::vector<std::byte> converted;
+  for (int64_t left = format.dims.y * format.dims.z; left > 0;) {
+    const int64_t rows = std::min(left, at_once);
+    const auto bytes = static_cast<size_t>(rows * row_bytes);
+    FOVEA_ASSIGN_OR_RETURN(const std::span<std::byte> slab, sender.Next());
+    converted.resize(convert == nullptr ? 0 : bytes);
+    const std::span<std::byte> read = convert == nullptr ? slab.first(bytes) : std::span(converted);
+    FOVEA_RETURN_IF_ERROR(file.ReadAt(offset, read));
+    if (format.big_endian) {
+      Swap(read, static_cast<size_t>(BytesPerValue(format.type)));
+    }
+    end.rounded += convert == nullptr ? 0 : convert(read, slab.data());
+    FOVEA_RETURN_IF_ERROR(sender.Send(rows));
+    offset += static_cast<int64_t>(bytes);
+    left -= rows;
   }
-  return channel->Send(Encode(end), Channel::kNoDeadline);
+  return sender.Finish(end);
 }
 
 }  // namespace fovea::ingest

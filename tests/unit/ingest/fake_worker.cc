@@ -11,6 +11,7 @@
 
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
+#include "ingest/slab_ring.h"
 
 namespace {
 
@@ -51,6 +52,16 @@ void Behave(const std::string& path, Channel* channel) {
     while (true) {
       Send(channel, Encode(fovea::ingest::FileInfo{1, "m"}));
     }
+  }
+  if (path.starts_with("slabs")) {
+    Send(channel, Encode(fovea::ingest::DenseStart{0, {}, {{0, 0, 0}, {8, 8, 1000000}}}));
+    if (path == "slabs beyond") {
+      Send(channel, Encode(fovea::ingest::SlabRows{fovea::ingest::kSlabs, 1}));
+    }
+    for (uint32_t i = 0; i < 3 || path == "slabs forever"; ++i) {  // never reads what is free
+      Send(channel, Encode(fovea::ingest::SlabRows{i % fovea::ingest::kSlabs, 1}));
+    }
+    ::raise(SIGSEGV);
   }
   if (path == "nonsense") {
     Send(channel, {static_cast<FrameKind>(99), "x"});

@@ -7,12 +7,14 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <string>
 #include <thread>
 
 #include <gtest/gtest.h>
 
 #include "engine/base/stopwatch.h"
+#include "ingest/dense_field.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temporary_folder.h"
 
@@ -149,6 +151,21 @@ TEST(WorkerClientTest, AnErrorOfTheWorkerIsMadePrintableAndTheWorkerStays) {
   EXPECT_THAT(Scan(&client, "error"),
               FailsWith(absl::StatusCode::kNotFound, "error: what was ?[1m asked for"));
   EXPECT_NE(client.pid(), 0);
+}
+
+TEST(WorkerClientTest, AWorkerThatMisusesSlabsIsReported) {
+  WorkerClient client(Fake(0.5));
+  const auto read = [&](const std::string& path) {
+    DenseField field({{0, 0, 0}, {8, 8, 1000000}}, 32, 1 << 20, std::make_shared<BufferPool>());
+    const auto drop = [](const DenseSlices&) { return absl::OkStatus(); };
+    return client.Call(path, Encode(ScanRequest{path, {}, false}), {}, [&](const FrameView& frame) {
+      return field.Consume(frame, client.slabs(), drop);
+    });
+  };
+  EXPECT_THAT(read("slabs and out"), FailsWith(absl::StatusCode::kDataLoss, "signal 11"));
+  EXPECT_THAT(read("slabs beyond"), FailsWith(absl::StatusCode::kInternal, "slab"));
+  EXPECT_THAT(read("slabs forever"), FailsWith(absl::StatusCode::kDeadlineExceeded, ""));
+  EXPECT_OK(Scan(&client, "fine"));
 }
 
 TEST(WorkerClientTest, InterruptEndsACallFromAnotherThread) {
