@@ -21,7 +21,7 @@ StatusOr<std::unique_ptr<FieldStream>> FieldStream::Start(store::DatasetWriter* 
   wavelet::ForwardStreamOptions options;
   options.hierarchy = writer->info().hierarchy;
   options.basis = basis;
-  options.type = TypeOf(field_writer->type());
+  options.type = TypeOf(writer->info().TypeOf(field));
   options.edge = writer->info().chunk_edge;
   options.background = background;
   options.threads = threads;
