@@ -13,7 +13,7 @@ ALLOWED = {
     "engine/base": [],
     "engine/volume": ["engine/base"],
     "engine/wavelet": ["engine/base", "engine/volume"],
-    "engine/sensors": ["engine/base", "engine/volume", "engine/wavelet"],
+    "engine/sensors": ["engine/base", "engine/volume"],
     "engine/fovea": ["engine/base", "engine/volume", "engine/wavelet"],
     "engine/store": ["engine/base", "engine/volume", "engine/fovea"],
     "engine/render": ["engine/base", "engine/volume", "engine/wavelet", "engine/fovea"],

@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "engine/sensors/morton.h"
-#include "engine/wavelet/haar.h"
 
 // One pass up the levels over the sorted cells: the children of a cell stand side by side, and so
-// do the cells of a brick. Each cell's children, those without readings filled in, go through the
-// same Haar kernel as the voxels of a dense volume, a batch of cells at a time. Children that are
-// all filled with one value have zeros below them, so nothing is ever done for them.
+// do the cells of a brick. Each cell's children, those without readings filled in, are transformed
+// a batch of cells at a time, with the sums in the order of wavelet::Forward: the bits are the
+// same. Children that are all filled with one value have zeros below them, so nothing is ever done
+// for them.
 
 namespace fovea::sensors {
 namespace {
@@ -25,6 +25,31 @@ struct Cells {
   std::vector<uint64_t> keys;
   std::vector<float> values;
 };
+
+/// Values of a batch of cells, of each child or sub-band: bit 0 of the index is x, bit 1 y, bit 2
+/// z.
+constexpr size_t kBatch = 512;
+using Batch = std::array<std::array<float, kBatch>, kChildren>;
+
+/// The Haar transform of each of `count` cells.
+void TransformCells(const Batch& child, size_t count, Batch* bands) {
+  for (size_t i = 0; i < count; ++i) {
+    float low[4], high[4];
+    for (int row = 0; row < 4; ++row) {
+      low[row] = child[2 * row][i] + child[2 * row + 1][i];
+      high[row] = child[2 * row][i] - child[2 * row + 1][i];
+    }
+    for (int x = 0; x < 2; ++x) {
+      const float* const v = x == 0 ? low : high;
+      const float a0 = v[0] + v[1], y0 = v[0] - v[1];
+      const float a1 = v[2] + v[3], y1 = v[2] - v[3];
+      (*bands)[x][i] = (a0 + a1) * 0.125F;
+      (*bands)[x + 2][i] = (y0 + y1) * 0.125F;
+      (*bands)[x + 4][i] = (a0 - a1) * 0.125F;
+      (*bands)[x + 6][i] = (y0 - y1) * 0.125F;
+    }
+  }
+}
 
 /// What children without readings get.
 class Filler {
@@ -87,14 +112,7 @@ class LevelPull {
         filler_(filler),
         counter_(*counter),
         cells_(*cells),
-        detail_(*detail) {
-    for (int i = 0; i < kChildren; ++i) {
-      bands_[i].resize(kBatch);
-    }
-    for (auto& row : rows_) {
-      row.resize(2 * kBatch);
-    }
-  }
+        detail_(*detail) {}
 
   /// Returns the number of cells that were made.
   int64_t Run() {
@@ -118,8 +136,6 @@ class LevelPull {
   }
 
  private:
-  static constexpr size_t kBatch = 512;
-
   void EnterBrick(uint64_t key) {
     brick_key_ = key;
     brick_at_ = MortonPosition(key);
@@ -155,7 +171,7 @@ class LevelPull {
       }
     }
     for (unsigned at = 0; at < kChildren; ++at) {
-      rows_[at >> 1][2 * batch_ + (at & 1)] = child[at];
+      child_[at][batch_] = child[at];
     }
     return i;
   }
@@ -187,12 +203,7 @@ class LevelPull {
     if (batch_ == 0) {
       return;
     }
-    std::array<float*, kChildren> to;
-    for (int band = 0; band < kChildren; ++band) {
-      to[band] = bands_[band].data();
-    }
-    wavelet::ForwardHaarRow({rows_[0].data(), rows_[1].data(), rows_[2].data(), rows_[3].data()},
-                            static_cast<int64_t>(batch_), to);
+    TransformCells(child_, batch_, &bands_);
     const int64_t edge = detail_.edge();
     for (size_t i = 0; i < batch_; ++i) {
       cells_.values[batch_to_[i]] = bands_[0][i];
@@ -230,8 +241,7 @@ class LevelPull {
   size_t batch_ = 0;
   std::array<uint64_t, kBatch> batch_keys_;
   std::array<size_t, kBatch> batch_to_;
-  std::array<std::vector<float>, 4> rows_;
-  std::array<std::vector<float>, kChildren> bands_;
+  Batch child_, bands_;
 };
 
 /// The coarsest level whole: what has no readings takes the mean of the cells above that do.

@@ -136,11 +136,9 @@ class Dense {
         }
       }
     }
-    float bands[8];
-    wavelet::ForwardHaarRow(
-        {child, child + 2, child + 4, child + 6}, 1,
-        {bands, bands + 1, bands + 2, bands + 3, bands + 4, bands + 5, bands + 6, bands + 7});
-    return bands[0];
+    return ((child[0] + child[1] + (child[2] + child[3])) +
+            (child[4] + child[5] + (child[6] + child[7]))) *
+           0.125F;
   }
 
   void FillBox(const Box3& box, float value) {
