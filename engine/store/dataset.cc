@@ -1,8 +1,12 @@
 #include "engine/store/dataset.h"
 
 #include <algorithm>
+#include <map>
 #include <mutex>
+#include <optional>
+#include <span>
 #include <utility>
+#include <vector>
 
 #include "engine/store/chunk_file.h"
 #include "engine/store/file.h"
@@ -15,6 +19,11 @@ namespace fovea::store {
 const FieldInfo& DatasetInfo::FieldOf(const std::string& field) const {
   const auto is_field = [&](const FieldInfo& known) { return known.name == field; };
   return *std::find_if(fields.begin(), fields.end(), is_field);
+}
+
+bool DatasetInfo::IsLost(const std::string& field, int64_t step) const {
+  const std::vector<int64_t>& lost = FieldOf(field).lost_steps;
+  return std::binary_search(lost.begin(), lost.end(), step);
 }
 
 namespace {
@@ -34,10 +43,47 @@ Status CheckArrays(FileSystem& files, const std::string& path, const DatasetInfo
   return absl::OkStatus();
 }
 
+/// The chunk that was read last of an array over steps, so that a series of rows costs one read for
+/// all of its chunk. Rows of committed steps never change. Thread-safe.
+template <typename T>
+class LastChunk {
+ public:
+  /// The row of `step`, of `width` values (0: the array has no second axis), when `committed` steps
+  /// are there.
+  [[nodiscard]] StatusOr<std::vector<T>> Row(FileSystem& files, const std::string& store_path,
+                                             const std::string& array, int64_t step, int64_t steps,
+                                             int64_t width, int64_t committed) {
+    const std::lock_guard lock(mutex_);
+    if (!chunk_ || step < first_ || step >= std::min(first_ + steps, end_)) {
+      chunk_.reset();
+      FOVEA_ASSIGN_OR_RETURN(chunk_, ReadSeries<T>(files, store_path, array, step, steps, width));
+      first_ = step / steps * steps;
+      end_ = committed;
+    }
+    const std::span<T> row = chunk_->Row(step);
+    return std::vector<T>(row.begin(), row.end());
+  }
+
+ private:
+  std::mutex mutex_;
+  std::optional<SeriesChunk<T>> chunk_;  // guarded by mutex_, like the rest
+  int64_t first_ = 0;                    // step of its first row
+  int64_t end_ = 0;                      // steps that were there when it was read
+};
+
+struct LastStats {
+  LastChunk<double> range;
+  LastChunk<uint64_t> histogram;
+};
+
 class StoredDataset final : public Dataset {
  public:
   StoredDataset(FileSystem& files, std::string path, DatasetInfo info)
-      : files_(files), path_(std::move(path)), info_(std::move(info)) {}
+      : files_(files), path_(std::move(path)), info_(std::move(info)) {
+    for (const FieldInfo& field : info_.fields) {
+      stats_[field.name];
+    }
+  }
 
   [[nodiscard]] const std::string& path() const override { return path_; }
   [[nodiscard]] DatasetInfo info() const override {
@@ -53,13 +99,16 @@ class StoredDataset final : public Dataset {
                                                                OnDamage on_damage) override;
 
  private:
-  [[nodiscard]] Status CheckStep(int64_t step) const;
+  /// How many steps there are.
+  [[nodiscard]] StatusOr<int64_t> CheckStep(int64_t step) const;
   [[nodiscard]] Status CheckField(const std::string& field) const;
 
   FileSystem& files_;
   const std::string path_;
   mutable std::mutex mutex_;
   DatasetInfo info_;  // guarded by mutex_
+  LastChunk<int64_t> times_, numbers_;
+  std::map<std::string, LastStats> stats_;  // by field; all are there from the start
 };
 
 Status StoredDataset::Refresh() {
@@ -76,10 +125,10 @@ Status StoredDataset::Refresh() {
   return absl::OkStatus();
 }
 
-Status StoredDataset::CheckStep(int64_t step) const {
+StatusOr<int64_t> StoredDataset::CheckStep(int64_t step) const {
   const std::lock_guard lock(mutex_);
   if (step >= 0 && step < info_.committed_steps) {
-    return absl::OkStatus();
+    return info_.committed_steps;
   }
   return info_.committed_steps == 0 ? OutOfRange("step {}: {} has no steps yet", step, path_)
                                     : OutOfRange("step {} is outside 0 to {}, the steps of {}",
@@ -99,43 +148,39 @@ Status StoredDataset::CheckField(const std::string& field) const {
 }
 
 StatusOr<int64_t> StoredDataset::TimeNs(int64_t step) {
-  FOVEA_RETURN_IF_ERROR(CheckStep(step));
-  FOVEA_ASSIGN_OR_RETURN(
-      SeriesChunk<int64_t> chunk,
-      ReadSeries<int64_t>(files_, path_, std::string(kTimePath), step, kSeriesSteps, 0));
-  return chunk.Row(step)[0];
+  FOVEA_ASSIGN_OR_RETURN(const int64_t committed, CheckStep(step));
+  FOVEA_ASSIGN_OR_RETURN(const auto row, times_.Row(files_, path_, std::string(kTimePath), step,
+                                                    kSeriesSteps, 0, committed));
+  return row[0];
 }
 
 StatusOr<std::optional<int64_t>> StoredDataset::FrameNumber(int64_t step) {
-  FOVEA_RETURN_IF_ERROR(CheckStep(step));
-  FOVEA_ASSIGN_OR_RETURN(
-      SeriesChunk<int64_t> chunk,
-      ReadSeries<int64_t>(files_, path_, std::string(kFrameNumberPath), step, kSeriesSteps, 0));
-  const int64_t number = chunk.Row(step)[0];
-  return number == kNoFrameNumber ? std::nullopt : std::optional(number);
+  FOVEA_ASSIGN_OR_RETURN(const int64_t committed, CheckStep(step));
+  FOVEA_ASSIGN_OR_RETURN(const auto row, numbers_.Row(files_, path_, std::string(kFrameNumberPath),
+                                                      step, kSeriesSteps, 0, committed));
+  return row[0] == kNoFrameNumber ? std::nullopt : std::optional(row[0]);
 }
 
 StatusOr<FieldStats> StoredDataset::Stats(int64_t step, const std::string& field) {
-  FOVEA_RETURN_IF_ERROR(CheckStep(step));
+  FOVEA_ASSIGN_OR_RETURN(const int64_t committed, CheckStep(step));
   FOVEA_RETURN_IF_ERROR(CheckField(field));
-  FOVEA_ASSIGN_OR_RETURN(
-      SeriesChunk<double> range,
-      ReadSeries<double>(files_, path_, StatsPath(field), step, kSeriesSteps, 2));
-  FOVEA_ASSIGN_OR_RETURN(
-      SeriesChunk<uint64_t> histogram,
-      ReadSeries<uint64_t>(files_, path_, HistogramPath(field), step, kHistogramSteps, 256));
+  LastStats& last = stats_.at(field);
+  FOVEA_ASSIGN_OR_RETURN(const auto range, last.range.Row(files_, path_, StatsPath(field), step,
+                                                          kSeriesSteps, 2, committed));
+  FOVEA_ASSIGN_OR_RETURN(const auto histogram,
+                         last.histogram.Row(files_, path_, HistogramPath(field), step,
+                                            kHistogramSteps, 256, committed));
   FieldStats stats;
-  stats.minimum = range.Row(step)[0];
-  stats.maximum = range.Row(step)[1];
-  const std::span<uint64_t> bins = histogram.Row(step);
-  std::copy(bins.begin(), bins.end(), stats.histogram.begin());
+  stats.minimum = range[0];
+  stats.maximum = range[1];
+  std::copy(histogram.begin(), histogram.end(), stats.histogram.begin());
   return stats;
 }
 
 StatusOr<std::unique_ptr<StepSource>> StoredDataset::OpenStep(int64_t step,
                                                               const std::string& field,
                                                               OnDamage on_damage) {
-  FOVEA_RETURN_IF_ERROR(CheckStep(step));
+  FOVEA_RETURN_IF_ERROR(CheckStep(step).status());
   FOVEA_RETURN_IF_ERROR(CheckField(field));
   return MakeStepSource(files_, path_, info(), step, field, on_damage);
 }

@@ -28,6 +28,8 @@ struct FieldInfo {
   /// Of quantised coefficients: no voxel is to be farther off than this; and how far off the worst
   /// one was found to be, over every committed step. Data units.
   double tolerance = 0, max_error = 0;
+  /// Steps of which repair could save nothing, ascending. They read as damaged, or as zeros.
+  std::vector<int64_t> lost_steps = {};
   friend bool operator==(const FieldInfo&, const FieldInfo&) = default;
 };
 
@@ -51,6 +53,8 @@ struct DatasetInfo {
   [[nodiscard]] const std::string& TypeOf(const std::string& field) const {
     return FieldOf(field).type;
   }
+  /// Whether repair could save nothing of a step of a field that is there.
+  [[nodiscard]] bool IsLost(const std::string& field, int64_t step) const;
 };
 
 /// What reading one step cost so far.
@@ -58,7 +62,7 @@ struct ReadStats {
   uint64_t chunks_read = 0;
   uint64_t chunks_total = 0;    // stored for this step and field, coarse included
   uint64_t bytes_read = 0;      // compressed, indexes included
-  uint64_t chunks_damaged = 0;  // failed their checksum and were read as zeros
+  uint64_t chunks_damaged = 0;  // failed their checksum and were read as zeros; each once
   double decode_ms = 0;         // checking and decompressing detail, summed over threads
 };
 
@@ -70,7 +74,8 @@ enum class OnDamage {
 
 /// One field of one committed step. Window reads touch only the chunks that meet the window; every
 /// checksum on the way is verified: DATA_LOSS names field, step and chunk. A damaged coarse level
-/// is always an error. Thread-safe.
+/// is always an error; that of a lost step is so with kFail, and otherwise zeros that count as one
+/// damaged chunk. Thread-safe.
 class StepSource : public CoefficientSource {
  public:
   [[nodiscard]] virtual ReadStats read_stats() const = 0;

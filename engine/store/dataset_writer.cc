@@ -327,7 +327,7 @@ Status CheckUnfinished(FileSystem& files, const std::string& path) {
     if (entry.is_directory) {
       FOVEA_RETURN_IF_ERROR(CheckUnfinished(files, inside));
     } else if (entry.name != kMetadataName && entry.name != kLockName &&
-               !IsTemporaryName(entry.name)) {
+               entry.name != kGroupCopyName && !IsTemporaryName(entry.name)) {
       return AlreadyExists("{} exists and holds {}; choose another name, or remove it first", path,
                            inside);
     }
@@ -383,6 +383,11 @@ StatusOr<WriterLock> ClaimDirectory(FileSystem& files, const std::string& path) 
   return lock;
 }
 
+Status WriteGroupCopy(const std::string& path, const DatasetInfo& info, FileBatch* batch) {
+  FOVEA_ASSIGN_OR_RETURN(const std::string copy, GroupCopyJson(info));
+  return WriteText(fmt::format("{}/{}", path, kGroupCopyName), copy, batch);
+}
+
 /// The folders and metadata of a store without steps; the group's zarr.json appears last.
 Status WriteEmptyStore(FileSystem& files, const std::string& path, const DatasetInfo& info) {
   FileBatch batch(files);
@@ -397,6 +402,7 @@ Status WriteEmptyStore(FileSystem& files, const std::string& path, const Dataset
     FOVEA_RETURN_IF_ERROR(MakeDirectory(files, path + "/" + array.path));
   }
   FOVEA_RETURN_IF_ERROR(FlushDirectory(files, path));
+  FOVEA_RETURN_IF_ERROR(WriteGroupCopy(path, info, &batch));
   FOVEA_RETURN_IF_ERROR(WriteMetadata(path, info, arrays, &batch));
   FOVEA_RETURN_IF_ERROR(batch.Flush());
   return batch.Publish();
@@ -447,7 +453,13 @@ Status SweepStore(FileSystem& files, const std::string& path, const DatasetInfo&
   for (const ArraySpec& array : AllArrays(info)) {
     FOVEA_RETURN_IF_ERROR(SweepArray(files, path, array, info.committed_steps));
   }
-  return absl::OkStatus();
+  if (ReadGroup(files, path, kGroupCopyName).ok()) {
+    return absl::OkStatus();
+  }
+  FileBatch batch(files);  // of a store from before there was one, or it is damaged
+  FOVEA_RETURN_IF_ERROR(WriteGroupCopy(path, info, &batch));
+  FOVEA_RETURN_IF_ERROR(batch.Flush());
+  return batch.Publish();
 }
 
 }  // namespace

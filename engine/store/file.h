@@ -115,6 +115,8 @@ class FileBatch {
   /// directories of all others are flushed, and then its own is.
   [[nodiscard]] Status Publish();
   void Discard();
+  /// Nothing waits to be published.
+  [[nodiscard]] bool empty() const { return paths_.empty(); }
 
  private:
   FileSystem& files_;

@@ -59,6 +59,19 @@ size_t LevelLayout::IndexInShard(const Int3& chunk) const {
       chunk.x % shard_chunks.x);
 }
 
+Int3 LevelLayout::ChunkInShard(const Int3& shard, size_t place) const {
+  const Int3& size = shard_chunks;
+  const auto i = static_cast<int64_t>(place);
+  return {shard.x * size.x + i % size.x, shard.y * size.y + i / size.x % size.y,
+          shard.z * size.z + i / (size.x * size.y)};
+}
+
+size_t LevelLayout::IndexInTable(const Int3& chunk) const {
+  const Int3& size = table_edge;
+  return static_cast<size_t>(((chunk.z % size.z) * size.y + chunk.y % size.y) * size.x +
+                             chunk.x % size.x);
+}
+
 std::string CoarsePath(const std::string& field) {
   return field + "/coarse";
 }

@@ -49,6 +49,10 @@ struct LevelLayout {
   [[nodiscard]] Int3 ShardOf(const Int3& chunk) const;
   /// The place of a chunk in the index of its shard: x fastest.
   [[nodiscard]] size_t IndexInShard(const Int3& chunk) const;
+  /// The chunk at that place.
+  [[nodiscard]] Int3 ChunkInShard(const Int3& shard, size_t place) const;
+  /// The place of a chunk in its block of chunk_max_W: x fastest.
+  [[nodiscard]] size_t IndexInTable(const Int3& chunk) const;
 };
 
 /// How LLL_0 is stored: of quantised coefficients, it alone is exact.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <optional>
 #include <set>
@@ -24,6 +25,7 @@ constexpr int kFormatVersion = 1;
 constexpr int64_t kMaxMetadataBytes = 1 << 20;
 constexpr int kMaxJsonDepth = 16;
 constexpr size_t kMaxFields = 256;
+constexpr size_t kMaxLostSteps = 50'000;  // a group must stay readable
 constexpr size_t kMaxNameLength = 100;
 constexpr size_t kMaxTextLength = 1000;
 constexpr const char* kChecksumKey = "crc32c";
@@ -79,6 +81,13 @@ Status ValidateFields(const DatasetInfo& info, Wavelet wavelet) {
       return InvalidArgument("field '{}' has the range {} to {}", field.name, field.minimum,
                              field.maximum);
     }
+    const std::vector<int64_t>& lost = field.lost_steps;
+    if (lost.size() > kMaxLostSteps ||
+        std::adjacent_find(lost.begin(), lost.end(), std::greater_equal<>()) != lost.end() ||
+        (!lost.empty() && (lost.front() < 0 || lost.back() >= info.committed_steps))) {
+      return InvalidArgument("field '{}': lost_steps must be ascending steps, at most {}",
+                             field.name, kMaxLostSteps);
+    }
   }
   if (!names.contains(info.default_field)) {
     return InvalidArgument("the default field '{}' is none of the fields",
@@ -130,6 +139,9 @@ json Attributes(const DatasetInfo& info) {
       attributes["tolerance"] = field.tolerance;
       attributes["max_error"] = field.max_error;
     }
+    if (!field.lost_steps.empty()) {
+      attributes["lost_steps"] = field.lost_steps;
+    }
   }
   json attributes = {{"format_version", kFormatVersion},
                      {"wavelet", info.wavelet},
@@ -159,6 +171,16 @@ StatusOr<std::string> GroupJson(const DatasetInfo& info) {
   } catch (const json::exception& error) {  // a text that is not UTF-8
     return InvalidArgument("world_unit, clock or retention cannot be written: {}", error.what());
   }
+}
+
+StatusOr<std::string> GroupCopyJson(const DatasetInfo& info) {
+  DatasetInfo empty = info;
+  empty.committed_steps = 0;
+  for (FieldInfo& field : empty.fields) {
+    field.minimum = field.maximum = field.max_error = 0;
+    field.lost_steps.clear();
+  }
+  return GroupJson(empty);
 }
 
 namespace {
@@ -305,6 +327,9 @@ FieldInfo FieldFrom(const std::string& name, const json& field) {
     info.tolerance = field.at("tolerance").get<double>();
     info.max_error = field.at("max_error").get<double>();
   }
+  if (field.contains("lost_steps")) {
+    info.lost_steps = field.at("lost_steps").get<std::vector<int64_t>>();
+  }
   return info;
 }
 
@@ -367,12 +392,13 @@ StatusOr<DatasetInfo> InfoFromGroup(const json& group, const std::string& path) 
 
 }  // namespace
 
-StatusOr<DatasetInfo> ReadGroup(FileSystem& files, const std::string& store_path) {
-  const std::string path = fmt::format("{}/{}", store_path, kMetadataName);
+StatusOr<DatasetInfo> ReadGroup(FileSystem& files, const std::string& store_path,
+                                std::string_view name) {
+  const std::string path = fmt::format("{}/{}", store_path, name);
   StatusOr<json> group = ReadJson(files, path);
   if (absl::IsNotFound(group.status())) {
     if (ListDirectory(files, store_path).ok()) {
-      return FailedPrecondition("{} is not a Fovea store: it has no {}", store_path, kMetadataName);
+      return FailedPrecondition("{} is not a Fovea store: it has no {}", store_path, name);
     }
     return NotFound("there is no store at {}", store_path);
   }

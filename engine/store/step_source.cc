@@ -1,11 +1,13 @@
 #include "engine/store/step_source.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstring>
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <span>
 #include <utility>
 #include <vector>
@@ -97,6 +99,9 @@ class StoredStep final : public StepSource {
   [[nodiscard]] Status ReadRuns(const Window& window, const std::vector<Run>& runs);
   /// One chunk cannot be had because of `why`: an error, or zeros and a count.
   [[nodiscard]] Status Damaged(const LevelLayout& layout, const Int3& chunk, const Status& why);
+  void CountDamaged(const std::array<int64_t, 4>& chunk);
+  /// A step marked as lost: an error, or zeros and a count.
+  [[nodiscard]] Status LostStep();
   [[nodiscard]] std::string CoarseFile() const;
 
   FileSystem& files_;
@@ -111,7 +116,8 @@ class StoredStep final : public StepSource {
   std::vector<std::unique_ptr<ChunkTable>> tables_;
   std::atomic<uint64_t> chunks_read_{0};
   std::atomic<uint64_t> bytes_read_{0};
-  std::atomic<uint64_t> chunks_damaged_{0};
+  mutable std::mutex damaged_mutex_;
+  std::set<std::array<int64_t, 4>> damaged_;  // level, z, y, x: however often they are read
   std::atomic<int64_t> decode_ns_{0};
 };
 
@@ -119,7 +125,10 @@ ReadStats StoredStep::read_stats() const {
   ReadStats stats;
   stats.chunks_read = chunks_read_;
   stats.bytes_read = bytes_read_;
-  stats.chunks_damaged = chunks_damaged_;
+  {
+    const std::lock_guard lock(damaged_mutex_);
+    stats.chunks_damaged = damaged_.size();
+  }
   stats.decode_ms = static_cast<double>(decode_ns_) / 1e6;
   stats.chunks_total = 1;  // coarse
   for (const auto& table : tables_) {
@@ -138,6 +147,11 @@ Status StoredStep::ReadCoarse(std::span<float> out) {
   if (out.size() != values) {
     return Internal("ReadCoarse into {} values, the coarse level has {}", out.size(), values);
   }
+  if (info_.IsLost(field_, step_)) {
+    FOVEA_RETURN_IF_ERROR(LostStep());
+    std::fill(out.begin(), out.end(), 0.0F);
+    return absl::OkStatus();
+  }
   const std::string file = CoarseFile();
   const StatusOr<int64_t> read = ReadValuesFile(files_, file, coarse_coding_, out);
   if (!read.ok()) {
@@ -150,12 +164,26 @@ Status StoredStep::ReadCoarse(std::span<float> out) {
   return absl::OkStatus();
 }
 
+void StoredStep::CountDamaged(const std::array<int64_t, 4>& chunk) {
+  const std::lock_guard lock(damaged_mutex_);
+  damaged_.insert(chunk);
+}
+
+Status StoredStep::LostStep() {
+  if (on_damage_ == OnDamage::kCount) {
+    CountDamaged({-1, 0, 0, 0});
+    return absl::OkStatus();
+  }
+  return DataLoss("step {} of field '{}' of {} was lost; all that is left of it is its number",
+                  step_, field_, path_);
+}
+
 Status StoredStep::Damaged(const LevelLayout& layout, const Int3& chunk, const Status& why) {
   if (!absl::IsDataLoss(why)) {
     return why;  // out of descriptors, no permission: nothing is known about the data
   }
   if (on_damage_ == OnDamage::kCount) {
-    ++chunks_damaged_;
+    CountDamaged({layout.level, chunk.z, chunk.y, chunk.x});
     return absl::OkStatus();
   }
   return Annotate(why, fmt::format("chunk {},{},{} (x, y, z) of detail_{} of field '{}', step {}",
@@ -348,6 +376,9 @@ Status StoredStep::ReadDetail(int level, const Box3& box, std::span<float> out) 
 }
 
 Status StoredStep::CountReads(const RetainedSet& retained) {
+  if (info_.IsLost(field_, step_)) {
+    return LostStep();
+  }
   FOVEA_ASSIGN_OR_RETURN(const ReadableFile coarse, ReadableFile::Open(files_, CoarseFile()));
   bytes_read_ += static_cast<uint64_t>(coarse.size());
   ++chunks_read_;

@@ -1,73 +1,57 @@
 #include "engine/store/verify.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
-#include <map>
-#include <optional>
+#include <limits>
 #include <span>
 #include <utility>
 
-#include "engine/base/parallel.h"
 #include "engine/store/chunk_file.h"
-#include "engine/store/codec.h"
 #include "engine/store/dataset.h"
 #include "engine/store/file.h"
 #include "engine/store/layout.h"
 #include "engine/store/metadata.h"
+#include "engine/store/survey.h"
 
 namespace fovea::store {
 namespace {
 
 constexpr size_t kMaxProblems = 1000;
 
-using Indices = std::vector<int64_t>;
-
-/// The chunk files of one array: by their index along t, the indices of the others.
-using FilesByTime = std::map<int64_t, std::vector<Indices>>;
-
-/// The table of one level of one step: largest |coefficient| by chunk {z, y, x}. What is found in
-/// shards is taken out; what is left is missing.
-struct Table {
-  std::map<std::array<int64_t, 3>, float> largest;
-  bool damaged = false;  // then nothing is known of chunks that are not in it
-};
-
-class Verifier {
+class Verifier final : public SurveyVisitor {
  public:
   Verifier(FileSystem& files, std::string path, DatasetInfo info, int threads)
-      : files_(files), path_(std::move(path)), info_(std::move(info)), threads_(threads) {}
+      : files_(files),
+        path_(std::move(path)),
+        info_(std::move(info)),
+        survey_(files, path_, info_, threads) {}
 
   /// The steps there is anything to check of: what metadata claims, but no more than files are
   /// there for.
-  [[nodiscard]] int64_t Steps() const { return std::min(info_.committed_steps, steps_with_files_); }
+  [[nodiscard]] int64_t Steps() const {
+    return std::min(info_.committed_steps, survey_.steps_with_files());
+  }
   void CheckMetadata();
-  void CheckStep(int64_t step);
+  /// Some steps from `first` on; the one after them.
+  [[nodiscard]] int64_t CheckSteps(int64_t first);
   [[nodiscard]] VerifyReport Finish();
+
+  void OnStep(FoundStep& found) override;
+  void OnShard(FoundStep& found, FoundLevel& level, FoundShard& shard) override;
+  void OnLevelEnd(FoundStep& found, FoundLevel& level) override;
 
  private:
   void Problem(std::string text);
   void Note(const Status& status, const std::string& where);
-  void ListFiles(const ArraySpec& array);
   /// Reads one chunk file; false and a problem if it is missing or damaged.
   bool CheckFile(const std::string& path, std::span<std::byte> raw);
-  /// Counts a file that was read, or notes why it was not.
-  bool CountFile(const std::string& path, const StatusOr<int64_t>& read);
   void CheckSeries(int64_t step);
   void CheckTimes(int64_t step, SeriesChunk<int64_t>* times);
-  void CheckLevel(const std::string& field, const LevelLayout& layout, int64_t step);
-  [[nodiscard]] Table ReadTable(const std::string& field, const LevelLayout& layout, int64_t step);
-  void CheckShard(const LevelLayout& layout, const std::string& path, const Int3& shard,
-                  Table* table);
-  void CheckChunks(const LevelLayout& layout, const ReadableFile& file,
-                   const std::vector<std::pair<Int3, ShardEntry>>& chunks, Table* table);
 
   FileSystem& files_;
   const std::string path_;
   const DatasetInfo info_;
-  const int threads_;
-  std::map<std::string, FilesByTime> chunk_files_;  // by array
-  int64_t steps_with_files_ = 0;
+  Survey survey_;
+  int64_t last_series_ = -1;  // the last step whose rows were looked at
   int64_t last_time_ns_ = std::numeric_limits<int64_t>::min();
   size_t more_problems_ = 0;
   VerifyReport report_;
@@ -95,29 +79,6 @@ VerifyReport Verifier::Finish() {
   return std::move(report_);
 }
 
-void Verifier::ListFiles(const ArraySpec& array) {
-  const StatusOr<std::vector<std::string>> names = ListDirectory(files_, path_ + "/" + array.path);
-  Note(names.status(), "");
-  if (!names.ok()) {
-    return;
-  }
-  const std::vector<int64_t> grid = array.FileGrid();
-  const int64_t files = (info_.committed_steps + array.FileSteps() - 1) / array.FileSteps();
-  for (const std::string& name : *names) {
-    const std::optional<Indices> indices = ParseChunkName(name, grid.size() + 1);
-    if (!indices || indices->front() >= files) {
-      continue;  // metadata, temporary files, a step that is not committed
-    }
-    steps_with_files_ = std::max(steps_with_files_, (indices->front() + 1) * array.FileSteps());
-    Indices rest(indices->begin() + 1, indices->end());
-    if (std::equal(rest.begin(), rest.end(), grid.begin(), std::less<>())) {
-      chunk_files_[array.path][indices->front()].push_back(std::move(rest));
-    } else {
-      Problem(fmt::format("{}/{}/{} lies outside its array", path_, array.path, name));
-    }
-  }
-}
-
 void Verifier::CheckMetadata() {
   for (const FieldInfo& field : info_.fields) {
     Note(CheckFieldGroup(files_, path_, field.name), "");
@@ -129,7 +90,15 @@ void Verifier::CheckMetadata() {
     if (steps.ok()) {
       lengths.emplace_back(array.path, *steps);
     }
-    ListFiles(array);
+    std::vector<std::string> stray;
+    Note(survey_.List(array, &stray), "");
+    for (const std::string& path : stray) {
+      Problem(fmt::format("{} lies outside its array", path));
+    }
+  }
+  const Status copy = ReadGroup(files_, path_, kGroupCopyName).status();
+  if (absl::IsDataLoss(copy)) {  // older stores have none
+    Note(copy, "");
   }
   // A writer may be at work: it may have committed since, and be one step ahead of its commit.
   const StatusOr<DatasetInfo> now = ReadGroup(files_, path_);
@@ -149,10 +118,7 @@ void Verifier::CheckMetadata() {
 }
 
 bool Verifier::CheckFile(const std::string& path, std::span<std::byte> raw) {
-  return CountFile(path, ReadChunkFile(files_, path, raw));
-}
-
-bool Verifier::CountFile(const std::string& path, const StatusOr<int64_t>& read) {
+  const StatusOr<int64_t> read = ReadChunkFile(files_, path, raw);
   if (!read.ok()) {
     Problem(absl::IsNotFound(read.status()) ? fmt::format("{} is missing", path)
                                             : std::string(MessageOf(read.status())));
@@ -198,128 +164,74 @@ void Verifier::CheckSeries(int64_t step) {
   }
 }
 
-void Verifier::CheckStep(int64_t step) {
-  CheckSeries(step);
-  for (const FieldInfo& field : info_.fields) {
-    std::vector<float> coarse(static_cast<size_t>(info_.hierarchy.DimsAt(0).Product()));
-    const std::string path = fmt::format("{}/{}/{}", path_, CoarsePath(field.name),
-                                         SpaceChunkName(step, {0, 0, 0}, /*with_bands=*/false));
-    CountFile(path, ReadValuesFile(files_, path, CoarseCoding(field), coarse));
-    for (int level = 0; level < info_.hierarchy.finest(); ++level) {
-      CheckLevel(field.name, LevelLayout::Make(info_, field, level), step);
+void Verifier::OnStep(FoundStep& found) {
+  if (found.step != last_series_) {
+    CheckSeries(found.step);
+    last_series_ = found.step;
+  }
+  if (absl::IsNotFound(found.coarse)) {
+    if (!found.lost) {
+      Problem(fmt::format("{} is missing", found.coarse_path));
+    }
+  } else if (found.lost) {
+    Problem(fmt::format("{} is there, and the step was marked as lost", found.coarse_path));
+  } else {
+    Note(found.coarse, "");
+  }
+  report_.chunks += found.chunks;
+  report_.bytes += found.bytes;
+  for (const FoundLevel& level : found.levels) {
+    for (const auto& [block, status] : level.damaged_blocks) {
+      Note(status, "");
     }
   }
 }
 
-Table Verifier::ReadTable(const std::string& field, const LevelLayout& layout, int64_t step) {
-  Table table;
-  const std::string folder = TablePath(field, layout.width);
-  const Int3& edge = layout.table_edge;
-  for (const Indices& block : chunk_files_[folder][step]) {
-    std::vector<float> values(static_cast<size_t>(edge.Product()));
-    const Int3 at{block[2], block[1], block[0]};
-    const std::string name = SpaceChunkName(step, at, /*with_bands=*/false);
-    if (!CheckFile(fmt::format("{}/{}/{}", path_, folder, name),
-                   std::as_writable_bytes(std::span(values)))) {
-      table.damaged = true;
-      continue;
+void Verifier::OnShard(FoundStep& /*found*/, FoundLevel& level, FoundShard& shard) {
+  const LevelLayout& layout = level.layout;
+  const auto places = static_cast<size_t>(layout.shard_chunks.Product());
+  Note(shard.status, "");
+  if (!shard.status.ok()) {
+    for (size_t place = 0; place < places; ++place) {
+      level.Forget(layout.ChunkInShard(shard.shard, place));  // one line for all is enough
     }
-    for (int64_t i = 0; i < edge.Product(); ++i) {
-      if (const float largest = values[static_cast<size_t>(i)]; largest != 0) {
-        table.largest[{at.z * edge.z + i / (edge.y * edge.x), at.y * edge.y + i / edge.x % edge.y,
-                       at.x * edge.x + i % edge.x}] = largest;
-      }
-    }
+    return;
   }
-  return table;
-}
-
-void Verifier::CheckLevel(const std::string& field, const LevelLayout& layout, int64_t step) {
-  Table table = ReadTable(field, layout, step);
-  const std::string folder = DetailPath(field, layout.width);
-  for (const Indices& file : chunk_files_[folder][step]) {
-    const Int3 shard{file[3], file[2], file[1]};
-    const std::string name = SpaceChunkName(step, shard, /*with_bands=*/true);
-    CheckShard(layout, fmt::format("{}/{}/{}", path_, folder, name), shard, &table);
-  }
-  for (const auto& [at, largest] : table.largest) {
-    Problem(fmt::format("{}/{}: chunk {},{},{} (x, y, z) of step {} is missing", path_, folder,
-                        at[2], at[1], at[0], step));
-  }
-}
-
-void Verifier::CheckShard(const LevelLayout& layout, const std::string& path, const Int3& shard,
-                          Table* table) {
-  const Int3& size = layout.shard_chunks;
-  const auto places = static_cast<size_t>(size.Product());
-  const StatusOr<ReadableFile> file = ReadableFile::Open(files_, path);
-  StatusOr<ShardIndex> index =
-      file.ok() ? ReadShardIndex(*file, places, MaxEncodedBytes(layout.ChunkBytes()))
-                : StatusOr<ShardIndex>(file.status());
-  Note(index.status(), "");
-  std::vector<std::pair<Int3, ShardEntry>> chunks;
-  uint64_t bytes = static_cast<uint64_t>(ShardIndexBytes(places));
-  for (size_t place = 0; place < places; ++place) {
-    const auto i = static_cast<int64_t>(place);
-    const Int3 at{shard.x * size.x + i % size.x, shard.y * size.y + i / size.x % size.y,
-                  shard.z * size.z + i / (size.x * size.y)};
-    if (!index.ok()) {
-      table->largest.erase({at.z, at.y, at.x});  // one line for all of them is enough
-    } else if (const std::optional<ShardEntry>& entry = (*index)[place]; entry) {
-      chunks.emplace_back(at, *entry);
-      bytes += entry->bytes;
-    }
-  }
-  if (index.ok()) {
-    report_.bytes += bytes;
-    if (bytes != static_cast<uint64_t>(file->size())) {
-      Problem(fmt::format("{} has {} bytes, its chunks and index {}", path, file->size(), bytes));
-    }
-    CheckChunks(layout, *file, chunks, table);
-  }
-}
-
-/// Reads and decodes one chunk; its largest |coefficient|.
-StatusOr<float> LargestOf(const ReadableFile& file, const ShardEntry& entry, const Coding& coding,
-                          Decoder* decoder, std::vector<float>* values) {
-  std::vector<std::byte> bytes(entry.bytes);
-  FOVEA_RETURN_IF_ERROR(file.ReadAt(static_cast<int64_t>(entry.offset), bytes));
-  FOVEA_RETURN_IF_ERROR(decoder->DecodeValues(bytes, coding, *values));
-  const float largest = LargestMagnitude(*values);
-  if (!std::isfinite(largest)) {
-    return DataLoss("a coefficient is not finite");
-  }
-  return largest;
-}
-
-void Verifier::CheckChunks(const LevelLayout& layout, const ReadableFile& file,
-                           const std::vector<std::pair<Int3, ShardEntry>>& chunks, Table* table) {
-  std::vector<StatusOr<float>> results(chunks.size(), 0.0F);
-  ParallelFor(0, std::ssize(chunks), 8, threads_, [&](int64_t first, int64_t last) {
-    Decoder decoder;
-    std::vector<float> values(static_cast<size_t>(layout.ChunkValues()));
-    for (int64_t i = first; i < last; ++i) {
-      const auto at = static_cast<size_t>(i);
-      results[at] = LargestOf(file, chunks[at].second, layout.coding, &decoder, &values);
-    }
-  });
-  report_.chunks += chunks.size();
-  for (size_t i = 0; i < chunks.size(); ++i) {
-    const Int3& at = chunks[i].first;
-    const auto entry = table->largest.find({at.z, at.y, at.x});
-    const float expected = entry == table->largest.end() ? 0.0F : entry->second;
+  auto bytes = static_cast<uint64_t>(ShardIndexBytes(places));
+  for (const FoundChunk& chunk : shard.chunks) {
+    bytes += chunk.entry.bytes;
+    const float expected = level.Largest(chunk.at);
     const std::string where =
-        fmt::format("{}: chunk {},{},{} (x, y, z)", file.path(), at.x, at.y, at.z);
-    if (!results[i].ok()) {
-      Note(results[i].status(), where);
-    } else if (*results[i] != expected && !(expected == 0 && table->damaged)) {
+        fmt::format("{}: chunk {},{},{} (x, y, z)", shard.path, chunk.at.x, chunk.at.y, chunk.at.z);
+    if (!chunk.status.ok()) {
+      Note(chunk.status, where);
+    } else if (chunk.largest != expected &&
+               !level.damaged_blocks.contains(level.BlockOf(chunk.at))) {
       Problem(fmt::format("{}: its largest coefficient is {}, chunk_max_{} says {}", where,
-                          *results[i], layout.width, expected));
+                          chunk.largest, layout.width, expected));
     }
-    if (entry != table->largest.end()) {
-      table->largest.erase(entry);
-    }
+    level.Forget(chunk.at);
   }
+  report_.chunks += shard.chunks.size();
+  report_.bytes += bytes;
+  if (bytes != static_cast<uint64_t>(shard.file_bytes)) {
+    Problem(fmt::format("{} has {} bytes, its chunks and index {}", shard.path, shard.file_bytes,
+                        bytes));
+  }
+}
+
+void Verifier::OnLevelEnd(FoundStep& found, FoundLevel& level) {
+  const std::string folder = DetailPath(found.field, level.layout.width);
+  for (const Int3& at : level.Chunks()) {
+    Problem(fmt::format("{}/{}: chunk {},{},{} (x, y, z) of step {} is missing", path_, folder,
+                        at.x, at.y, at.z, found.step));
+  }
+}
+
+int64_t Verifier::CheckSteps(int64_t first) {
+  const int64_t end = std::min(Steps(), first + survey_.StepsAtOnce(first));
+  survey_.Read(first, end, this);
+  return end;
 }
 
 }  // namespace
@@ -332,10 +244,11 @@ StatusOr<VerifyReport> Verify(const std::string& path, int threads,
   Verifier verifier(files, store, std::move(info), threads);
   verifier.CheckMetadata();
   const int64_t total = verifier.Steps();
-  for (int64_t step = 0; step < total; ++step) {
-    verifier.CheckStep(step);
-    if (progress && !progress(step + 1, total)) {
-      return Cancelled("stopped after {} of {} steps of {}", step + 1, total, store);
+  for (int64_t step = 0; step < total;) {
+    for (const int64_t end = verifier.CheckSteps(step); step < end; ++step) {
+      if (progress && !progress(step + 1, total)) {
+        return Cancelled("stopped after {} of {} steps of {}", step + 1, total, store);
+      }
     }
   }
   return verifier.Finish();

@@ -63,6 +63,14 @@ struct VerifyCommand {
   int threads = 0;
 };
 
+struct RepairCommand {
+  OutputOptions output;
+  std::string dataset;
+  std::string file;  // the new dataset; empty: in place
+  bool in_place = false;
+  int threads = 0;
+};
+
 struct ExtractCommand {
   OutputOptions output;
   std::string dataset;
@@ -72,6 +80,7 @@ struct ExtractCommand {
   std::optional<frames::Position> fovea;  // any of these three: the foveated volume
   std::optional<Rate> rate;
   std::optional<WindowShape> window;
+  bool strict = false;  // a damaged chunk is an error
   std::string file;
 };
 
@@ -133,9 +142,10 @@ struct DemoCommand {
   int threads = 0;
 };
 
-using Command = std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand,
-                             VerifyCommand, ExtractCommand, PlanCommand, RenderCommand,
-                             ExportCommand, BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
+using Command =
+    std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand, VerifyCommand,
+                 RepairCommand, ExtractCommand, PlanCommand, RenderCommand, ExportCommand,
+                 BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -152,6 +162,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const InfoCommand& command);
 [[nodiscard]] Status Run(const StatsCommand& command);
 [[nodiscard]] Status Run(const VerifyCommand& command);
+[[nodiscard]] Status Run(const RepairCommand& command);
 [[nodiscard]] Status Run(const ExtractCommand& command);
 [[nodiscard]] Status Run(const PlanCommand& command);
 [[nodiscard]] Status Run(const RenderCommand& command);

@@ -83,13 +83,21 @@ Status Run(const ExtractCommand& command) {
   const store::DatasetInfo info = dataset->info();
   const std::string field = command.field.value_or(info.default_field);
   FOVEA_ASSIGN_OR_RETURN(const Box3 box, BoxOf(command, info.hierarchy.dims()));
-  FOVEA_ASSIGN_OR_RETURN(const auto source,
-                         dataset->OpenStep(command.step, field, store::OnDamage::kFail));
+  FOVEA_ASSIGN_OR_RETURN(
+      const auto source,
+      dataset->OpenStep(command.step, field,
+                        command.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
   FOVEA_ASSIGN_OR_RETURN(const std::optional<RetainedSet> retained, RetainedOf(command, *dataset));
   FOVEA_RETURN_IF_ERROR(WriteVoxels(command, *source, box, retained));
 
   const Int3 size = box.Size();
   const store::ReadStats read = source->read_stats();
+  if (read.chunks_damaged > 0) {
+    Note(command.output,
+         fmt::format("warning: {} damaged chunks of '{}' at step {} were left out: coarser values "
+                     "stand there; `fovea verify` lists them",
+                     read.chunks_damaged, field, command.step));
+  }
   if (command.output.json) {
     PrintJson(nlohmann::json({{"output", command.file},
                               {"dataset", command.dataset},
@@ -99,6 +107,7 @@ Status Run(const ExtractCommand& command) {
                               {"box", {box.lo.x, box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z}},
                               {"chunks_read", read.chunks_read},
                               {"chunks_total", read.chunks_total},
+                              {"chunks_damaged", read.chunks_damaged},
                               {"bytes_read", read.bytes_read}}));
     return absl::OkStatus();
   }

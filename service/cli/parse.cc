@@ -96,6 +96,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   Offer(AddInfo, &app, &verbs);
   Offer(AddStats, &app, &verbs);
   Offer(AddVerify, &app, &verbs);
+  Offer(AddRepair, &app, &verbs);
   Offer(AddExtract, &app, &verbs);
   Offer(AddPlan, &app, &verbs);
   Offer(AddRender, &app, &verbs);

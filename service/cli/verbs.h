@@ -18,6 +18,7 @@ CLI::App* AddSensors(CLI::App* app, SensorsCommand* command);
 CLI::App* AddInfo(CLI::App* app, InfoCommand* command);
 CLI::App* AddStats(CLI::App* app, StatsCommand* command);
 CLI::App* AddVerify(CLI::App* app, VerifyCommand* command);
+CLI::App* AddRepair(CLI::App* app, RepairCommand* command);
 CLI::App* AddExtract(CLI::App* app, ExtractCommand* command);
 CLI::App* AddPlan(CLI::App* app, PlanCommand* command);
 CLI::App* AddRender(CLI::App* app, RenderCommand* command);
@@ -30,6 +31,7 @@ CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 /// May also fill in what follows from the rest. A verb without one has nothing to check.
 [[nodiscard]] Status Check(SensorsCommand* command);
 [[nodiscard]] Status Check(InfoCommand* command);
+[[nodiscard]] Status Check(RepairCommand* command);
 [[nodiscard]] Status Check(ExtractCommand* command);
 [[nodiscard]] Status Check(PlanCommand* command);
 [[nodiscard]] Status Check(RenderCommand* command);

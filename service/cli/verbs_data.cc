@@ -107,6 +107,8 @@ CLI::App* AddExtract(CLI::App* app, ExtractCommand* command) {
                                          "Only these voxels; X1,Y1,Z1 are not included")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1");
   AddFoveaFlags(verb, &command->fovea, &command->rate, &command->window);
+  verb->add_flag("--strict", command->strict,
+                 "A damaged chunk is an error; else coarser values stand there, with a warning");
   verb->add_option("-o,--output", command->file, "The file to write: .npy or .raw")
       ->required()
       ->type_name("FILE");

@@ -16,6 +16,7 @@
 #include "engine/store/dataset.h"
 #include "engine/store/dataset_writer.h"
 #include "engine/store/file.h"
+#include "engine/store/repair.h"
 #include "engine/store/verify.h"
 #include "tests/support/simulated_disk.h"
 #include "tests/support/status_matchers.h"
@@ -233,6 +234,64 @@ TEST(StoreCrash, AtEveryCallOfTheCreationItCanBeRepeated) {
           ASSERT_OK(DatasetWriter::Create(kPath, info, *disk).status());
         }
         ExpectRecovers(disk, 0, 0);
+      });
+}
+
+/// Two steps; of the second a chunk of detail is damaged.
+std::unique_ptr<SimulatedDisk> DamagedDisk() {
+  std::unique_ptr<SimulatedDisk> disk = DiskWithSteps(2);
+  const std::string shard = std::string(kPath) + "/p/detail_2/c.1.0.0.0.0";
+  std::vector<std::byte> bytes = disk->Files().at(shard);
+  bytes[bytes.size() / 3] ^= std::byte{1};
+  auto file = WritableFile::Create(*disk, shard);
+  EXPECT_OK(file.status());
+  EXPECT_OK(file->Append(bytes));
+  const auto all = [](size_t) { return true; };
+  return disk->AfterPowerCut(all, Kept::kAll);  // it is on the disk like that
+}
+
+TEST(StoreCrash, AtEveryCallOfARepairWhatIsSoundStays) {
+  CrashEverywhere(
+      DamagedDisk,
+      [](SimulatedDisk* disk) {
+        return Repair(kPath, {"", 1}, nullptr, nullptr, *disk).status();
+      },
+      [](SimulatedDisk* disk) {
+        ASSERT_OK(Repair(kPath, {"", 1}, nullptr, nullptr, *disk).status());
+        ASSERT_OK_AND_ASSIGN(const VerifyReport report, Verify(kPath, 1, nullptr, *disk));
+        EXPECT_THAT(report.problems, ::testing::IsEmpty());
+        ASSERT_OK_AND_ASSIGN(const auto dataset, Dataset::Open(kPath, *disk));
+        ASSERT_EQ(dataset->info().committed_steps, 2);
+        for (int64_t step = 0; step < 2; ++step) {
+          ASSERT_OK_AND_ASSIGN(const auto source, dataset->OpenStep(step, "p", OnDamage::kFail));
+          ASSERT_OK_AND_ASSIGN(const Values values, AllValues(source.get()));
+          EXPECT_EQ(values == Expected(step), step == 0);
+          EXPECT_EQ(values[0], Expected(step)[0]);
+          EXPECT_TRUE(std::any_of(values[1].begin(), values[1].end(), [](float value) {
+            return value != 0;
+          })) << "the other chunk of the level";
+        }
+      });
+}
+
+TEST(StoreCrash, AtEveryCallOfARepairIntoANewStoreTheOldOneIsUntouched) {
+  const auto before = DamagedDisk()->Files();
+  CrashEverywhere(
+      DamagedDisk,
+      [](SimulatedDisk* disk) {
+        return Repair(kPath, {"b.zarr", 1}, nullptr, nullptr, *disk).status();
+      },
+      [&](SimulatedDisk* disk) {
+        for (const auto& [path, bytes] : before) {
+          ASSERT_EQ(disk->Files().at(path), bytes) << path;
+        }
+        const Status again = Repair(kPath, {"b.zarr", 1}, nullptr, nullptr, *disk).status();
+        if (!again.ok()) {  // it was done
+          ASSERT_THAT(again, ::fovea::testing::FailsWith(absl::StatusCode::kAlreadyExists, "b"));
+        }
+        ASSERT_OK_AND_ASSIGN(const VerifyReport report, Verify("b.zarr", 1, nullptr, *disk));
+        EXPECT_THAT(report.problems, ::testing::IsEmpty());
+        EXPECT_EQ(report.steps, 2);
       });
 }
 

@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "engine/store/file.h"
+#include "engine/store/metadata.h"
 #include "engine/wavelet/haar.h"
 
 namespace fovea::store::testing {
@@ -107,7 +108,8 @@ Status ReadEverything(CoefficientSource* source) {
 std::vector<std::string> FilesBelow(const std::string& path) {
   std::vector<std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(path)) {
-    if (entry.is_regular_file() && entry.path().filename() != kLockName) {
+    if (entry.is_regular_file() && entry.path().filename() != kLockName &&
+        entry.path().filename() != kGroupCopyName) {
       files.push_back(entry.path().string());
     }
   }

@@ -51,7 +51,8 @@ struct StepData {
 /// Reads every coefficient; an error if one cannot be had.
 [[nodiscard]] Status ReadEverything(CoefficientSource* source);
 
-/// Every file below `path`, in a fixed order, but for the lock.
+/// Every file below `path`, in a fixed order, but for the lock and the copy of the
+/// group: those that readers read.
 [[nodiscard]] std::vector<std::string> FilesBelow(const std::string& path);
 
 /// Changes one byte of a file in place: xor with `mask` at `offset`, from the end if negative.
