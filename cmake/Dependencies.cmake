@@ -12,6 +12,7 @@ find_package(nlohmann_json 3.11 CONFIG REQUIRED)
 find_package(zstd 1.5 CONFIG REQUIRED)
 find_package(hwy 1.0.3 CONFIG REQUIRED)       # Highway: SIMD chosen at run time
 pkg_check_modules(ISAL REQUIRED IMPORTED_TARGET GLOBAL libisal>=2.30)   # CRC32C; ships no CMake config
+find_package(ZLIB REQUIRED)
 find_package(PNG REQUIRED)
 find_package(JPEG REQUIRED)
 block()                                       # OpenVDB's module folder also holds FindTBB, FindOpenEXR, ...

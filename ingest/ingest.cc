@@ -41,17 +41,17 @@ Status CheckOptions(const IngestOptions& options) {
 }
 
 /// What whole numbers of the files become without loss: int16 of 8 bits, int32 of 16.
-StatusOr<std::string> LosslessType(const IngestOptions& options) {
-  const std::string type = options.raw ? options.raw->type : "";
-  if (type == "uint8" || type == "int8") {
-    return "int16";
+StatusOr<std::string> LosslessType(const std::vector<std::string>& source_types) {
+  std::string needed = "int16";
+  for (const std::string& type : source_types) {
+    if (type == "uint16" || type == "int16") {
+      needed = "int32";
+    } else if (type != "uint8" && type != "int8") {
+      return InvalidArgument(
+          "lossless integer coefficients are made of voxels of 8 or 16 bits, not of {}", type);
+    }
   }
-  if (type == "uint16" || type == "int16") {
-    return "int32";
-  }
-  return InvalidArgument(
-      "lossless integer coefficients are made of raw voxels of 8 or 16 bits, not of {}",
-      options.raw ? type : "VDB files");
+  return needed;
 }
 
 /// How often something happened to a field, and where first.
@@ -152,7 +152,7 @@ Status Run::ChooseBasis() {
         "lossless: there is no reversible integer form of cdf97, only of haar "
         "and cdf53");
   }
-  FOVEA_ASSIGN_OR_RETURN(const std::string needed, LosslessType(options_));
+  FOVEA_ASSIGN_OR_RETURN(const std::string needed, LosslessType(plan_.source_types));
   if (writer_ == nullptr) {
     stored_type_ = needed;
   } else if (stored_type_ == "int16" && needed != "int16") {
@@ -193,7 +193,6 @@ Status Run::Plan(bool from_voxels) {
   if (options_.append) {
     FOVEA_RETURN_IF_ERROR(OpenExisting(&existing));
   }
-  FOVEA_RETURN_IF_ERROR(ChooseBasis());
   FOVEA_ASSIGN_OR_RETURN(const std::vector<SequenceFile> files,
                          ResolveInputs(options_.inputs, options_.on_missing));
   Status status = ScanAndPlan(files, existing, from_voxels);
@@ -205,6 +204,7 @@ Status Run::Plan(bool from_voxels) {
         fmt::format("{}, says the metadata; not so the voxels, which were believed", reason));
   }
   FOVEA_RETURN_IF_ERROR(status);
+  FOVEA_RETURN_IF_ERROR(ChooseBasis());
   FOVEA_ASSIGN_OR_RETURN(hierarchy_, Hierarchy::Make(plan_.extent.Size()));
   report_.dims = plan_.extent.Size();
   report_.origin = plan_.extent.lo;
@@ -300,13 +300,14 @@ Status Run::CreateStore() {
   info.world_unit = plan_.world_unit;
   info.chunk_edge = options_.chunk_edge;
   info.default_field = plan_.fields.front();
-  for (const std::string& name : plan_.fields) {
+  for (size_t i = 0; i < plan_.fields.size(); ++i) {
     store::FieldInfo field;
-    field.name = name;
+    field.name = plan_.fields[i];
     field.type = stored_type_;
+    field.value_unit = plan_.value_units[i];
     info.fields.push_back(field);
-    if (name == "density") {
-      info.default_field = name;
+    if (field.name == "density") {
+      info.default_field = field.name;
     }
   }
   FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, info));

@@ -18,7 +18,7 @@ namespace fovea::ingest {
 /// How headerless voxels lie in a file: x fastest, then y, then z.
 struct RawFormat {
   Int3 dims;
-  std::string type = "uint8";  // uint8 int8 uint16 int16 uint32 int32 float32 float64
+  std::string type = "uint8";  // a name of SampleType: uint8 ... uint64 int64, float16 to float64
   bool big_endian = false;
   int64_t header_bytes = 0;  // skipped at the start of each file
   int64_t steps_per_file = 1;
@@ -47,12 +47,17 @@ struct IngestOptions {
   /// Files, globs, or sequences: smoke_####.vdb, smoke_%04d.vdb, 'smoke_*.vdb'. Natural order.
   std::vector<std::string> inputs;
   std::string output;              // NAME.zarr
-  std::optional<RawFormat> raw;    // inputs are headerless voxels of this format
+  std::optional<RawFormat> raw;    // inputs are headerless voxels, and lie so
   std::vector<std::string> grids;  // VDB: which grids, in order; empty: every scalar grid
-  std::string field = "density";   // raw: the name of the one field
-  Vec3 spacing{1, 1, 1};           // raw: voxel size in the world
-  double frames_per_second = 24;   // time of a step = its number / this
-  bool append = false;             // add steps to an existing store
+  std::string field = "density";   // dense files: the name of the one field
+  std::optional<Vec3> spacing;     // dense files: voxel size in the world, whatever they say
+  std::string channel;             // of several values a voxel: number, name, or luminance
+  std::string axes;                // NumPy: a letter of xyztc for each axis of the array
+  int64_t slices_per_step = 0;     // pictures; 0: as the files are
+  /// When the steps are, in seconds; with neither as the files say, else number / 24.
+  std::vector<double> times_s;              // one for each step
+  std::optional<double> frames_per_second;  // time of a step = its number / this
+  bool append = false;                      // add steps to an existing store
   OnMissing on_missing = OnMissing::kError;
   int64_t chunk_edge = 16;
   std::optional<Wavelet> wavelet;  // default Haar; with `append`, what the store has

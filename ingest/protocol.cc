@@ -1,5 +1,6 @@
 #include "ingest/protocol.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -43,28 +44,63 @@ bool IsSaneBox(const Box3& box, bool may_be_empty) {
   return true;
 }
 
-void WriteRaw(const std::optional<RawFormat>& raw, PayloadWriter* writer) {
-  writer->Number(static_cast<uint8_t>(raw.has_value()));
-  if (raw) {
-    writer->Number(raw->dims.x).Number(raw->dims.y).Number(raw->dims.z).Text(raw->type);
-    writer->Number(static_cast<uint8_t>(raw->big_endian));
-    writer->Number(raw->header_bytes).Number(raw->steps_per_file);
+void WriteTexts(const std::vector<std::string>& texts, PayloadWriter* writer) {
+  writer->Number(static_cast<uint32_t>(texts.size()));
+  for (const std::string& text : texts) {
+    writer->Text(text);
   }
 }
 
-std::optional<RawFormat> ReadRaw(PayloadReader* reader) {
-  if (reader->Number<uint8_t>() == 0) {
-    return std::nullopt;
+/// Fails the reader, and stops, where there are fewer than are announced.
+std::vector<std::string> ReadTexts(PayloadReader* reader) {
+  std::vector<std::string> texts;
+  const auto count = reader->Number<uint32_t>();
+  for (uint32_t i = 0; i < count; ++i) {
+    if (reader->bytes_left() == 0) {
+      reader->Fail();
+      return {};
+    }
+    texts.push_back(reader->Text());
   }
-  RawFormat raw;
-  raw.dims.x = reader->Number<int64_t>();
-  raw.dims.y = reader->Number<int64_t>();
-  raw.dims.z = reader->Number<int64_t>();
-  raw.type = reader->Text();
-  raw.big_endian = reader->Number<uint8_t>() != 0;
-  raw.header_bytes = reader->Number<int64_t>();
-  raw.steps_per_file = reader->Number<int64_t>();
-  return raw;
+  return texts;
+}
+
+void WriteHints(const ReaderHints& hints, PayloadWriter* writer) {
+  writer->Number(static_cast<uint8_t>(hints.raw.has_value()));
+  if (hints.raw) {
+    const RawFormat& raw = *hints.raw;
+    writer->Number(raw.dims.x).Number(raw.dims.y).Number(raw.dims.z).Text(raw.type);
+    writer->Number(static_cast<uint8_t>(raw.big_endian));
+    writer->Number(raw.header_bytes).Number(raw.steps_per_file);
+  }
+  writer->Text(hints.channel).Text(hints.axes).Number(hints.slices_per_step);
+}
+
+ReaderHints ReadHints(PayloadReader* reader) {
+  ReaderHints hints;
+  if (reader->Number<uint8_t>() != 0) {
+    RawFormat& raw = hints.raw.emplace();
+    raw.dims.x = reader->Number<int64_t>();
+    raw.dims.y = reader->Number<int64_t>();
+    raw.dims.z = reader->Number<int64_t>();
+    raw.type = reader->Text();
+    raw.big_endian = reader->Number<uint8_t>() != 0;
+    raw.header_bytes = reader->Number<int64_t>();
+    raw.steps_per_file = reader->Number<int64_t>();
+  }
+  hints.channel = reader->Text();
+  hints.axes = reader->Text();
+  hints.slices_per_step = reader->Number<int64_t>();
+  return hints;
+}
+
+/// The steps of a file: how many, and when they are, if that is known of all.
+bool HasSaneSteps(const FileInfo& file) {
+  constexpr int64_t kMaxSteps = 1'000'000;
+  const auto is_finite = [](double time) { return std::isfinite(time); };
+  return file.steps >= 1 && file.steps <= kMaxSteps &&
+         (file.times_s.empty() || file.times_s.size() == static_cast<size_t>(file.steps)) &&
+         std::all_of(file.times_s.begin(), file.times_s.end(), is_finite);
 }
 
 /// The length of the UTF-8 sequence at `position`, or 0 if there is none.
@@ -99,21 +135,18 @@ size_t Utf8Length(const std::string& text, size_t position) {
 
 Frame Encode(const ScanRequest& message) {
   PayloadWriter writer;
-  writer.Text(message.path);
-  WriteRaw(message.raw, &writer);
+  WriteTexts(message.paths, &writer);
+  WriteHints(message.hints, &writer);
   writer.Number(static_cast<uint8_t>(message.from_voxels));
   return {FrameKind::kScan, writer.Take()};
 }
 
 Frame Encode(const ReadRequest& message) {
   PayloadWriter writer;
-  writer.Text(message.path);
-  WriteRaw(message.raw, &writer);
+  WriteTexts(message.paths, &writer);
+  WriteHints(message.hints, &writer);
   writer.Number(message.step_in_file).Box(message.extent);
-  writer.Number(static_cast<uint32_t>(message.grids.size()));
-  for (const std::string& grid : message.grids) {
-    writer.Text(grid);
-  }
+  WriteTexts(message.grids, &writer);
   return {FrameKind::kRead, writer.Take()};
 }
 
@@ -126,6 +159,13 @@ Frame Encode(const PictureRequest& message) {
 Frame Encode(const FileInfo& message) {
   PayloadWriter writer;
   writer.Number(message.file_bytes).Text(message.world_unit);
+  writer.Number(static_cast<uint8_t>(message.is_dense)).Number(message.steps);
+  writer.Number(static_cast<uint32_t>(message.times_s.size()));
+  for (const double time : message.times_s) {
+    writer.Number(time);
+  }
+  WriteTexts(message.needs, &writer);
+  WriteTexts(message.warnings, &writer);
   return {FrameKind::kFile, writer.Take()};
 }
 
@@ -135,7 +175,7 @@ Frame Encode(const GridInfo& message) {
   for (const double element : message.index_to_world.m) {
     writer.Number(element);
   }
-  writer.Number(message.declared_bytes);
+  writer.Number(message.declared_bytes).Text(message.value_unit);
   return {FrameKind::kGrid, writer.Take()};
 }
 
@@ -216,26 +256,26 @@ Frame EncodeError(const Status& status) {
 StatusOr<ScanRequest> DecodeScanRequest(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   ScanRequest message;
-  message.path = reader.Text();
-  message.raw = ReadRaw(&reader);
+  message.paths = ReadTexts(&reader);
+  message.hints = ReadHints(&reader);
   message.from_voxels = reader.Number<uint8_t>() != 0;
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kScan, reader, "scan request"));
+  if (message.paths.empty()) {
+    return Malformed("scan request of no file");
+  }
   return message;
 }
 
 StatusOr<ReadRequest> DecodeReadRequest(const FrameView& frame) {
   PayloadReader reader(frame.payload);
   ReadRequest message;
-  message.path = reader.Text();
-  message.raw = ReadRaw(&reader);
+  message.paths = ReadTexts(&reader);
+  message.hints = ReadHints(&reader);
   message.step_in_file = reader.Number<int64_t>();
   message.extent = reader.Box();
-  const auto count = reader.Number<uint32_t>();
-  for (uint32_t i = 0; i < count && reader.bytes_left() > 0; ++i) {
-    message.grids.push_back(reader.Text());
-  }
+  message.grids = ReadTexts(&reader);
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kRead, reader, "read request"));
-  if (message.grids.size() != count || !IsSaneBox(message.extent, false)) {
+  if (message.paths.empty() || !IsSaneBox(message.extent, false)) {
     return Malformed("read request");
   }
   return message;
@@ -256,9 +296,19 @@ StatusOr<FileInfo> DecodeFileInfo(const FrameView& frame) {
   FileInfo message;
   message.file_bytes = reader.Number<int64_t>();
   message.world_unit = Printable(reader.Text());
+  message.is_dense = reader.Number<uint8_t>() != 0;
+  message.steps = reader.Number<int64_t>();
+  const auto times = reader.Number<uint32_t>();
+  for (uint32_t i = 0; i < times && reader.bytes_left() > 0; ++i) {
+    message.times_s.push_back(reader.Number<double>());
+  }
+  message.needs = ReadTexts(&reader);
+  for (const std::string& warning : ReadTexts(&reader)) {
+    message.warnings.push_back(Printable(warning));
+  }
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kFile, reader, "file"));
-  if (message.file_bytes < 0) {
-    return Malformed("negative file size");
+  if (message.file_bytes < 0 || !HasSaneSteps(message)) {
+    return Malformed("size or steps of a file");
   }
   return message;
 }
@@ -276,6 +326,7 @@ StatusOr<GridInfo> DecodeGridInfo(const FrameView& frame) {
     is_finite = is_finite && std::isfinite(element);
   }
   message.declared_bytes = reader.Number<int64_t>();
+  message.value_unit = Printable(reader.Text());
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kGrid, reader, "grid"));
   if (!IsSaneBox(message.box, true) || message.declared_bytes < 0) {
     return Malformed("box or size of a grid");

@@ -71,18 +71,30 @@ struct Hello {
   std::string openimageio = {};  // its version; empty: not loaded
 };
 
+/// What the user says of the files beyond what they say themselves.
+struct ReaderHints {
+  std::optional<RawFormat> raw;  // headerless voxels of this format
+  std::string channel;           // of several values a voxel: a number, a name, luminance; or empty
+  std::string axes;              // NumPy: what the axes of the array are
+  int64_t slices_per_step = 0;   // pictures; 0: as the files are
+  friend bool operator==(const ReaderHints&, const ReaderHints&) = default;
+};
+
+/// A file set is what one step, or one file of several steps, is read from: the file that names it
+/// in errors, then the others that it needs (a sidecar, detached data, further slices). The worker
+/// opens nothing else.
 struct ScanRequest {
-  std::string path;
-  std::optional<RawFormat> raw;
+  std::vector<std::string> paths;  // the file set: at least one
+  ReaderHints hints;
   bool from_voxels = false;  // do not believe the boxes in the metadata
 };
 
 struct ReadRequest {
-  std::string path;
-  std::optional<RawFormat> raw;
-  int64_t step_in_file = 0;        // raw
+  std::vector<std::string> paths;  // the file set, with what its scan asked for
+  ReaderHints hints;
+  int64_t step_in_file = 0;
   Box3 extent;                     // index space of the file: what to send
-  std::vector<std::string> grids;  // unique names, as GridInfo gives them; raw: one, empty
+  std::vector<std::string> grids;  // unique names, as GridInfo gives them; dense: one, empty
 };
 
 struct PictureRequest {
@@ -91,18 +103,26 @@ struct PictureRequest {
 };
 
 struct FileInfo {
-  int64_t file_bytes = 0;
+  int64_t file_bytes = 0;  // of the whole set
   std::string world_unit;  // from the metadata; may be empty
+  bool is_dense = false;   // one grid without a name, of voxels that are all there
+  int64_t steps = 1;
+  std::vector<double> times_s = {};  // one for each step; empty: the file does not say
+  /// Files that the header names and the set lacks, as the header names them: with any of these
+  /// there is no grid, and the set is to be scanned again with them.
+  std::vector<std::string> needs = {};
+  std::vector<std::string> warnings = {};
 };
 
 /// A grid of a file. `name` is unique in the file: "density", or "density[1]" of several.
 struct GridInfo {
   std::string name;
-  std::string type;     // float, double, int32, ..., vec3s
+  std::string type;     // float, double, int32, ..., vec3s; dense: as SampleType's names
   std::string problem;  // why it cannot be read as a scalar field; empty: it can
   Box3 box;             // of the active voxels; empty if there are none
   Matrix4 index_to_world;
-  int64_t declared_bytes = 0;  // in memory
+  int64_t declared_bytes = 0;   // in the worker's memory, while it is read
+  std::string value_unit = {};  // may be empty: unknown
 };
 
 struct FieldStart {

@@ -1,27 +1,14 @@
 #include "ingest/raw_format.h"
 
-#include <array>
 #include <charconv>
-#include <string_view>
+#include <optional>
 #include <vector>
 
 #include "engine/volume/hierarchy.h"
+#include "ingest/sample_type.h"
 
 namespace fovea::ingest {
 namespace {
-
-struct TypeSize {
-  std::string_view name;
-  int64_t bytes;
-};
-constexpr std::array<TypeSize, 8> kTypes{{{"uint8", 1},
-                                          {"int8", 1},
-                                          {"uint16", 2},
-                                          {"int16", 2},
-                                          {"uint32", 4},
-                                          {"int32", 4},
-                                          {"float32", 4},
-                                          {"float64", 8}}};
 
 constexpr char kUsage[] = "expected NXxNYxNZ[xSTEPS]:TYPE[:le|be], e.g. 256x256x225:uint8:le";
 
@@ -47,19 +34,13 @@ bool ParsePositive(const std::string& text, int64_t* value) {
 }  // namespace
 
 int64_t BytesPerValue(const std::string& type) {
-  for (const TypeSize& known : kTypes) {
-    if (known.name == type) {
-      return known.bytes;
-    }
-  }
-  return 0;
+  const std::optional<SampleType> known = SampleTypeOf(type);
+  return known ? BytesOf(*known) : 0;
 }
 
 Status CheckRawFormat(const RawFormat& format) {
   if (BytesPerValue(format.type) == 0) {
-    return InvalidArgument(
-        "raw type '{}' is not known: one of uint8 int8 uint16 int16 uint32 int32 float32 float64",
-        format.type);
+    return InvalidArgument("raw type '{}' is not known: one of {}", format.type, ListSampleTypes());
   }
   for (int axis = 0; axis < 3; ++axis) {
     if (format.dims[axis] < 1 || format.dims[axis] > kMaxDimension) {

@@ -10,6 +10,7 @@
 
 #include <glob.h>
 
+#include "ingest/file_format.h"
 #include "ingest/name_pattern.h"
 
 namespace fovea::ingest {
@@ -61,7 +62,7 @@ StatusOr<std::vector<SequenceFile>> ExpandPattern(const std::string& input,
   for (; !error && entries != fs::directory_iterator(); entries.increment(error)) {
     const std::string name = entries->path().filename().string();
     if (const std::optional<int64_t> number = pattern.Match(name)) {
-      found.push_back({(parent / name).string(), number, false});
+      found.push_back({(parent / name).string(), number, false, {}});
     } else {
       others.push_back(name);
     }
@@ -97,7 +98,7 @@ StatusOr<std::vector<SequenceFile>> ExpandGlob(const std::string& input) {
   std::vector<SequenceFile> found;
   found.reserve(paths.size());
   for (std::string& path : paths) {
-    found.push_back({std::move(path), std::nullopt, false});
+    found.push_back({std::move(path), std::nullopt, false, {}});
   }
   return found;
 }
@@ -108,7 +109,7 @@ StatusOr<std::vector<SequenceFile>> ExpandInput(const std::string& input) {
   }
   std::error_code error;
   if (fs::exists(input, error)) {
-    return std::vector<SequenceFile>{{input, std::nullopt, false}};
+    return std::vector<SequenceFile>{{input, std::nullopt, false, {}}};
   }
   FOVEA_ASSIGN_OR_RETURN(const std::optional<NamePattern> pattern,
                          NamePattern::Parse(fs::path(input).filename().string()));
@@ -125,6 +126,22 @@ StatusOr<std::vector<SequenceFile>> ExpandInput(const std::string& input) {
 
 std::string FileName(const SequenceFile& file) {
   return fs::path(file.path).filename().string();
+}
+
+/// Headerless voxels may have a sidecar, which is no file of the series.
+void AttachSidecars(std::vector<SequenceFile>* files) {
+  std::set<std::string> sidecars;
+  for (SequenceFile& file : *files) {
+    const FileFormat format = FormatByName(file.path);
+    const std::string sidecar = SidecarOf(file.path);
+    std::error_code error;
+    if ((format == FileFormat::kRaw || format == FileFormat::kUnknown) &&
+        fs::is_regular_file(sidecar, error)) {
+      file.further = {sidecar};
+      sidecars.insert(sidecar);
+    }
+  }
+  std::erase_if(*files, [&](const SequenceFile& file) { return sidecars.contains(file.path); });
 }
 
 /// Numbers for files that no pattern numbered: from the last run of digits that differs.
@@ -176,7 +193,7 @@ StatusOr<std::vector<SequenceFile>> FillGaps(std::vector<SequenceFile> files,
         return InvalidArgument("holding the gap before '{}' would make over {} steps", file.path,
                                kMaxSteps);
       }
-      filled.push_back({filled.back().path, missing, true});
+      filled.push_back({filled.back().path, missing, true, filled.back().further});
     }
     filled.push_back(file);
   }
@@ -184,6 +201,12 @@ StatusOr<std::vector<SequenceFile>> FillGaps(std::vector<SequenceFile> files,
 }
 
 }  // namespace
+
+std::vector<std::string> SequenceFile::Paths() const {
+  std::vector<std::string> paths{path};
+  paths.insert(paths.end(), further.begin(), further.end());
+  return paths;
+}
 
 StatusOr<std::vector<SequenceFile>> ResolveInputs(const std::vector<std::string>& inputs,
                                                   OnMissing on_missing) {
@@ -198,6 +221,7 @@ StatusOr<std::vector<SequenceFile>> ResolveInputs(const std::vector<std::string>
   if (files.size() > kMaxSteps) {
     return InvalidArgument("{} files; a series holds at most {}", files.size(), kMaxSteps);
   }
+  AttachSidecars(&files);
   std::set<std::string> seen;
   for (const SequenceFile& file : files) {
     FOVEA_RETURN_IF_ERROR(CheckFile(file.path));

@@ -17,6 +17,11 @@ struct SequenceFile {
   std::optional<int64_t> frame_number;
   /// OnMissing::kHold: the file of this number is not there, `path` is the one before it.
   bool held = false;
+  /// What else is read with it: NAME.raw.json beside NAME.raw.
+  std::vector<std::string> further = {};
+
+  /// `path` and `further`: the file set that a worker is given.
+  [[nodiscard]] std::vector<std::string> Paths() const;
   friend bool operator==(const SequenceFile&, const SequenceFile&) = default;
 };
 

@@ -112,6 +112,7 @@ class Planner {
       : options_(options), files_(files), existing_(existing) {}
 
   StatusOr<SeriesPlan> Run() {
+    FOVEA_RETURN_IF_ERROR(CheckKinds());
     FOVEA_RETURN_IF_ERROR(Choose());
     FOVEA_RETURN_IF_ERROR(Align());
     FOVEA_RETURN_IF_ERROR(FindExtent());
@@ -120,34 +121,88 @@ class Planner {
     FOVEA_RETURN_IF_ERROR(SetTimes());
     for (const ChosenGrid& chosen : choice_.grids) {
       plan_.fields.push_back(chosen.field);
+      DescribeValues(chosen);
+    }
+    for (const ScannedFile& file : files_) {
+      plan_.file_sets.push_back(file.file.Paths());
     }
     plan_.warnings.insert(plan_.warnings.begin(), choice_.warnings.begin(), choice_.warnings.end());
     return std::move(plan_);
   }
 
  private:
+  Status CheckKinds();
   Status Choose();
   Status ChooseForAppend();
   Status Align();
   Status FindExtent();
   Status CheckExtentSize(const Box3& extent) const;
   Status Place();
+  Status SetSpacing(const Vec3& spacing);
   Status MakeSteps();
-  Status MakeStep(const ScannedFile& file, int64_t step_in_file);
+  Status MakeStep(size_t file_set, int64_t step_in_file);
   Status SetTimes();
+  [[nodiscard]] StatusOr<std::vector<double>> Times() const;
+  [[nodiscard]] std::vector<double> TimesOfFiles() const;
+  void DescribeValues(const ChosenGrid& chosen);
   void WarnOfEmptySteps();
 
   const IngestOptions& options_;
   const std::vector<ScannedFile>& files_;
   const std::optional<ExistingStore>& existing_;
   GridChoice choice_;
+  bool is_dense_ = false;
   Witness reference_;
   SeriesPlan plan_;
   std::vector<int64_t> empty_steps_;  // by field
 };
 
+/// Dense files have one grid without a name, and are all of one size.
+Status Planner::CheckKinds() {
+  is_dense_ = !files_.empty() && files_.front().info.is_dense;
+  for (const ScannedFile& file : files_) {
+    const ScannedFile& first = files_.front();
+    if (file.info.is_dense != is_dense_) {
+      return InvalidArgument("'{}' and '{}' are of different kinds: a series is of one",
+                             first.file.path, file.file.path);
+    }
+    if (is_dense_ && (file.grids.size() != 1 || !file.grids[0].name.empty())) {
+      return Internal("{}: malformed message: {} grids of a dense file", file.file.path,
+                      file.grids.size());
+    }
+    if (is_dense_ && file.grids[0].box != first.grids[0].box) {
+      const Int3 a = first.grids[0].box.Size();
+      const Int3 b = file.grids[0].box.Size();
+      return InvalidArgument(
+          "{}: has {} x {} x {} voxels, but '{}' has {} x {} x {}: the steps of a series are of "
+          "one size",
+          file.file.path, b.x, b.y, b.z, first.file.path, a.x, a.y, a.z);
+    }
+    for (const std::string& warning : file.info.warnings) {
+      plan_.warnings.push_back(warning);
+    }
+  }
+  return absl::OkStatus();
+}
+
+/// What the files say of a field's values.
+void Planner::DescribeValues(const ChosenGrid& chosen) {
+  std::string type;
+  std::string unit;
+  for (const ScannedFile& file : files_) {
+    const GridInfo* grid = FindGrid(file, chosen.grid);
+    if (grid == nullptr || !grid->problem.empty()) {
+      continue;
+    }
+    type = type.empty() || type == grid->type ? grid->type : "mixed";
+    unit = unit.empty() ? grid->value_unit : unit;
+  }
+  plan_.source_types.push_back(type);
+  plan_.value_units.push_back(unit);
+}
+
 Status Planner::Choose() {
-  if (options_.raw) {
+  if (is_dense_) {
     choice_.grids = {{"", options_.field}};
     if (FieldNameOf(options_.field) != options_.field) {
       return InvalidArgument("field name '{}': use letters, digits, '_', '.' and '-'",
@@ -198,7 +253,7 @@ Status Planner::Align() {
     }
     return InvalidArgument("no step of the series has a voxel in any grid that was chosen");
   }
-  const bool may_leave_out = options_.grids.empty() && !options_.raw && !existing_;
+  const bool may_leave_out = options_.grids.empty() && !is_dense_ && !existing_;
   std::vector<ChosenGrid> kept;
   for (const ChosenGrid& chosen : choice_.grids) {
     const Witness first = FirstWithVoxels(chosen.grid, files_);
@@ -237,10 +292,11 @@ Status Planner::FindExtent() {
     const Int3& origin = existing_->info.origin;
     const Int3& dims = existing_->info.hierarchy.dims();
     extent = {origin, {origin.x + dims.x, origin.y + dims.y, origin.z + dims.z}};
-    if (options_.raw && extent != Box3::OfSize(options_.raw->dims)) {
-      return InvalidArgument("'{}' covers {}, not the {} x {} x {} voxels of the raw format",
-                             options_.output, Show(extent), options_.raw->dims.x,
-                             options_.raw->dims.y, options_.raw->dims.z);
+    const Box3 box = is_dense_ ? files_.front().grids[0].box : extent;
+    if (extent != box) {
+      return InvalidArgument("{}: '{}' covers {}, not the {} x {} x {} voxels of this file",
+                             files_.front().file.path, options_.output, Show(extent), box.hi.x,
+                             box.hi.y, box.hi.z);
     }
   }
   for (const ScannedFile& file : files_) {
@@ -283,25 +339,32 @@ Status Planner::CheckExtentSize(const Box3& extent) const {
   return absl::OkStatus();
 }
 
-/// The matrix from our voxel coordinates. OpenVDB's index is the centre of a voxel.
+/// Voxels of that size, whatever the files say; where the first begins and how the axes lie stays.
+Status Planner::SetSpacing(const Vec3& spacing) {
+  const Vec3 said = plan_.index_to_world.Spacing();
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!std::isfinite(spacing[axis]) || spacing[axis] <= 0) {
+      return InvalidArgument("spacing {}: voxel sizes must be positive", Show(spacing));
+    }
+    for (int row = 0; row < 3; ++row) {
+      plan_.index_to_world.m[static_cast<size_t>(4 * row + axis)] *= spacing[axis] / said[axis];
+    }
+  }
+  return absl::OkStatus();
+}
+
+/// The matrix from our voxel coordinates. A file's index is the centre of a voxel.
 Status Planner::Place() {
   if (existing_ && reference_.grid == nullptr) {
     plan_.index_to_world = existing_->info.index_to_world;
     return absl::OkStatus();
   }
   const Int3& lo = plan_.extent.lo;
-  if (options_.raw) {
-    const Vec3& spacing = options_.spacing;
-    for (int axis = 0; axis < 3; ++axis) {
-      if (!std::isfinite(spacing[axis]) || spacing[axis] <= 0) {
-        return InvalidArgument("spacing {}: voxel sizes must be positive", Show(spacing));
-      }
-      plan_.index_to_world.m[static_cast<size_t>(5 * axis)] = spacing[axis];
-    }
-  } else {
-    plan_.index_to_world = Moved(reference_.grid->index_to_world,
-                                 {static_cast<double>(lo.x) - 0.5, static_cast<double>(lo.y) - 0.5,
-                                  static_cast<double>(lo.z) - 0.5});
+  plan_.index_to_world = Moved(reference_.grid->index_to_world,
+                               {static_cast<double>(lo.x) - 0.5, static_cast<double>(lo.y) - 0.5,
+                                static_cast<double>(lo.z) - 0.5});
+  if (options_.spacing && is_dense_) {
+    FOVEA_RETURN_IF_ERROR(SetSpacing(*options_.spacing));
   }
   if (existing_) {
     const std::string difference = Difference(existing_->info.index_to_world, plan_.index_to_world);
@@ -315,10 +378,14 @@ Status Planner::Place() {
 
 Status Planner::MakeSteps() {
   empty_steps_.assign(choice_.grids.size(), 0);
-  const int64_t steps_per_file = options_.raw ? options_.raw->steps_per_file : 1;
-  for (const ScannedFile& file : files_) {
-    for (int64_t i = 0; i < steps_per_file; ++i) {
-      FOVEA_RETURN_IF_ERROR(MakeStep(file, i));
+  constexpr size_t kMaxSteps = 1'000'000;
+  for (size_t set = 0; set < files_.size(); ++set) {
+    for (int64_t i = 0; i < files_[set].info.steps; ++i) {
+      FOVEA_RETURN_IF_ERROR(MakeStep(set, i));
+    }
+    if (plan_.steps.size() > kMaxSteps) {
+      return InvalidArgument("{}: with it the series has over {} steps", files_[set].file.path,
+                             kMaxSteps);
     }
   }
   if (plan_.steps.empty()) {
@@ -328,10 +395,10 @@ Status Planner::MakeSteps() {
   return absl::OkStatus();
 }
 
-Status Planner::MakeStep(const ScannedFile& file, int64_t step_in_file) {
+Status Planner::MakeStep(size_t file_set, int64_t step_in_file) {
+  const ScannedFile& file = files_[file_set];
   PlannedStep step;
-  const bool is_numbered = !options_.raw || options_.raw->steps_per_file == 1;
-  step.frame_number = is_numbered ? file.file.frame_number : std::nullopt;
+  step.frame_number = file.info.steps == 1 ? file.file.frame_number : std::nullopt;
   std::vector<bool> is_empty;
   for (size_t i = 0; i < choice_.grids.size(); ++i) {
     const std::string& name = choice_.grids[i].grid;
@@ -342,7 +409,7 @@ Status Planner::MakeStep(const ScannedFile& file, int64_t step_in_file) {
     }
     is_empty.push_back(grid != nullptr && grid->box.IsEmpty());
     if (grid != nullptr) {
-      step.sources.push_back({file.file.path, grid->name, step_in_file});
+      step.sources.push_back({file.file.path, grid->name, step_in_file, file_set});
     } else if (options_.on_missing == OnMissing::kSkip) {
       plan_.warnings.push_back(
           fmt::format("'{}' is left out: it has no grid '{}'", file.file.path, Printable(name)));
@@ -377,29 +444,69 @@ void Planner::WarnOfEmptySteps() {
   }
 }
 
-Status Planner::SetTimes() {
-  const double fps = options_.frames_per_second;
+/// Those that the files say, if all say one and they are in order; else none.
+std::vector<double> Planner::TimesOfFiles() const {
+  std::vector<double> times;
+  for (const PlannedStep& step : plan_.steps) {
+    const FieldSource& source = step.sources.front();
+    const FileInfo& file = files_[source.file_set].info;
+    if (file.times_s.empty()) {
+      return {};
+    }
+    const double time = file.times_s[static_cast<size_t>(source.step_in_file)];
+    if (!times.empty() && time <= times.back()) {
+      return {};
+    }
+    times.push_back(time);
+  }
+  return times;
+}
+
+/// Of each step, in seconds: as asked for, as the files say, or by numbers.
+StatusOr<std::vector<double>> Planner::Times() const {
+  if (!options_.times_s.empty()) {
+    if (options_.times_s.size() != plan_.steps.size()) {
+      return InvalidArgument("--times: {} times for {} steps", options_.times_s.size(),
+                             plan_.steps.size());
+    }
+    return options_.times_s;
+  }
+  const double fps = options_.frames_per_second.value_or(24);
   if (!std::isfinite(fps) || fps <= 0) {
     return InvalidArgument("{} frames a second: must be positive", fps);
   }
+  if (!options_.frames_per_second) {
+    std::vector<double> times = TimesOfFiles();
+    if (!times.empty()) {
+      return times;
+    }
+  }
+  const int64_t first_index = existing_ ? existing_->info.committed_steps : 0;
+  std::vector<double> times;
+  for (size_t i = 0; i < plan_.steps.size(); ++i) {
+    const int64_t index = first_index + static_cast<int64_t>(i);
+    times.push_back(static_cast<double>(plan_.steps[i].frame_number.value_or(index)) / fps);
+  }
+  return times;
+}
+
+Status Planner::SetTimes() {
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<double> times, Times());
   int64_t last = existing_ && existing_->info.committed_steps > 0
                      ? existing_->last_time_ns
                      : std::numeric_limits<int64_t>::min();
-  const int64_t first_index = existing_ ? existing_->info.committed_steps : 0;
   for (size_t i = 0; i < plan_.steps.size(); ++i) {
     PlannedStep& step = plan_.steps[i];
-    const int64_t number = step.frame_number.value_or(first_index + static_cast<int64_t>(i));
-    const double time_ns = static_cast<double>(number) / fps * 1e9;
-    if (std::abs(time_ns) > 9e18) {
-      return InvalidArgument("frame {} at {} frames a second is beyond the range of time", number,
-                             fps);
+    if (!(std::abs(times[i]) < 9e9)) {
+      return InvalidArgument("'{}' would be at {} s, beyond the range of time",
+                             step.sources.front().path, times[i]);
     }
-    step.time_ns = std::llround(time_ns);
+    step.time_ns = std::llround(times[i] * 1e9);
     if (step.time_ns < last) {
       return InvalidArgument(
-          "'{}' would be at {} s, before the last step of '{}' at {} s: steps are added in order",
-          step.sources.front().path, static_cast<double>(step.time_ns) * 1e-9, options_.output,
-          static_cast<double>(last) * 1e-9);
+          "'{}' would be at {} s, before the last step{} at {} s: steps are added in order",
+          step.sources.front().path, static_cast<double>(step.time_ns) * 1e-9,
+          i == 0 ? " of '" + options_.output + "'" : "", static_cast<double>(last) * 1e-9);
     }
     last = step.time_ns;
   }

@@ -17,8 +17,9 @@ namespace fovea::ingest {
 /// Where a field of a step is read from.
 struct FieldSource {
   std::string path;
-  std::string grid;  // unique name in the file; raw: empty
+  std::string grid;  // unique name in the file; dense: empty
   int64_t step_in_file = 0;
+  size_t file_set = 0;  // in SeriesPlan::file_sets
   friend bool operator==(const FieldSource&, const FieldSource&) = default;
 };
 
@@ -31,6 +32,12 @@ struct PlannedStep {
 /// What will be made of a series, known from its metadata alone.
 struct SeriesPlan {
   std::vector<std::string> fields;
+  /// Of each field, what its values are in the files: uint8 ... float64 of dense files (names of
+  /// SampleType; float32 where a slope is applied), float, double, bool ... of VDB; "mixed" if the
+  /// files differ.
+  std::vector<std::string> source_types;
+  std::vector<std::string> value_units;  // of each field; empty: unknown
+  std::vector<std::vector<std::string>> file_sets;
   Box3 extent;             // in the files' index space
   Matrix4 index_to_world;  // our voxel coordinates, from extent.lo, to the world
   std::string world_unit;

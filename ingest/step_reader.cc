@@ -11,6 +11,7 @@
 
 #include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
+#include "ingest/detached_files.h"
 
 namespace fovea::ingest {
 namespace {
@@ -40,7 +41,8 @@ std::vector<std::string> PathsOf(const std::vector<SequenceFile>& files) {
   std::vector<std::string> paths;
   for (const SequenceFile& file : files) {
     if (!file.held) {
-      paths.push_back(file.path);
+      const std::vector<std::string> set = file.Paths();
+      paths.insert(paths.end(), set.begin(), set.end());
     }
   }
   return paths;
@@ -48,10 +50,8 @@ std::vector<std::string> PathsOf(const std::vector<SequenceFile>& files) {
 
 std::vector<std::string> PathsOf(const SeriesPlan& plan) {
   std::set<std::string> paths;
-  for (const PlannedStep& step : plan.steps) {
-    for (const FieldSource& source : step.sources) {
-      paths.insert(source.path);
-    }
+  for (const std::vector<std::string>& set : plan.file_sets) {
+    paths.insert(set.begin(), set.end());
   }
   return {paths.begin(), paths.end()};
 }
@@ -65,13 +65,17 @@ WorkerOptions WorkerFor(const IngestOptions& options, int64_t declared_bytes,
   return worker;
 }
 
-StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile& file,
-                               bool from_voxels, WorkerClient* client) {
+ReaderHints HintsOf(const IngestOptions& options) {
+  return {options.raw, options.channel, options.axes, options.slices_per_step};
+}
+
+StatusOr<ScannedFile> ScanSet(const IngestOptions& options, const SequenceFile& file,
+                              bool from_voxels, WorkerClient* client) {
   constexpr size_t kMaxGrids = 100'000;
   ScannedFile scanned{file, {}, {}};
-  client->Allow({file.path});
+  client->Allow(file.Paths());
   FOVEA_RETURN_IF_ERROR(
-      client->Call(file.path, Encode(ScanRequest{file.path, options.raw, from_voxels}), {},
+      client->Call(file.path, Encode(ScanRequest{file.Paths(), HintsOf(options), from_voxels}), {},
                    [&](const FrameView& reply) -> Status {
                      if (reply.kind == FrameKind::kFile) {
                        FOVEA_ASSIGN_OR_RETURN(scanned.info, DecodeFileInfo(reply));
@@ -87,6 +91,24 @@ StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile&
   return scanned;
 }
 
+/// Scans a file, and once more with the files that its header names.
+StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile& file,
+                               bool from_voxels, WorkerClient* client) {
+  FOVEA_ASSIGN_OR_RETURN(ScannedFile scanned, ScanSet(options, file, from_voxels, client));
+  if (scanned.info.needs.empty()) {
+    return scanned;
+  }
+  SequenceFile whole = file;
+  auto detached = FindDetached(file.path, scanned.info.needs);
+  FOVEA_RETURN_IF_ERROR(detached.status());
+  whole.further.insert(whole.further.end(), detached->begin(), detached->end());
+  FOVEA_ASSIGN_OR_RETURN(scanned, ScanSet(options, whole, from_voxels, client));
+  if (!scanned.info.needs.empty()) {
+    return Internal("{}: malformed message: it needs files that it has", file.path);
+  }
+  return scanned;
+}
+
 }  // namespace
 
 StatusOr<std::vector<ScannedFile>> ScanFiles(
@@ -99,7 +121,9 @@ StatusOr<std::vector<ScannedFile>> ScanFiles(
       return Cancelled("stopped while looking through the files; nothing was written");
     }
     if (file.held) {
-      scanned.push_back({file, scanned.back().info, scanned.back().grids});
+      ScannedFile held{file, scanned.back().info, scanned.back().grids};
+      held.file.further = scanned.back().file.further;
+      scanned.push_back(std::move(held));
       continue;
     }
     FOVEA_ASSIGN_OR_RETURN(ScannedFile one, ScanFile(options, file, from_voxels, &client));
@@ -113,8 +137,8 @@ StepReader::StepReader(const IngestOptions& options, const SeriesPlan& plan)
   const int threads = options.threads > 0 ? options.threads : HardwareThreads();
   const size_t lanes = std::clamp<size_t>(plan.steps.size(), 1, threads > 1 ? kMostLanes : 1);
   for (size_t lane = 0; lane < lanes; ++lane) {
-    lanes_.push_back(std::make_unique<Lane>(
-        WorkerFor(options, options.raw ? 0 : plan.declared_bytes, PathsOf(plan))));
+    lanes_.push_back(
+        std::make_unique<Lane>(WorkerFor(options, plan.declared_bytes, PathsOf(plan))));
   }
   for (size_t lane = 0; lane < lanes; ++lane) {
     lanes_[lane]->thread = std::thread([this, lane] { ReadAll(lane); });
@@ -189,17 +213,18 @@ Status StepReader::Read(const PlannedStep& step, Lane* lane) {
     }
     // All fields that come from the same place, in one request.
     const FieldSource& source = step.sources[first];
-    ReadRequest request{source.path, options_.raw, source.step_in_file, plan_.extent, {}};
+    ReadRequest request{
+        plan_.file_sets[source.file_set], HintsOf(options_), source.step_in_file, plan_.extent, {}};
     std::vector<size_t> members;
     for (size_t i = first; i < step.sources.size(); ++i) {
       const FieldSource& other = step.sources[i];
-      if (other.path == source.path && other.step_in_file == source.step_in_file) {
+      if (other.file_set == source.file_set && other.step_in_file == source.step_in_file) {
         members.push_back(i);
         is_read[i] = true;
         request.grids.push_back(other.grid);
       }
     }
-    lane->client.Allow({source.path});
+    lane->client.Allow(plan_.file_sets[source.file_set]);
     FOVEA_RETURN_IF_ERROR(ReadFields(source.path, request, members, &bytes_left, lane));
   }
   return Push(lane, StepPart(StepEnd{watch.ElapsedMs() - lane->waited_ms}), 0);

@@ -30,6 +30,7 @@ struct FieldInfo {
   double tolerance = 0, max_error = 0;
   /// Steps of which repair could save nothing, ascending. They read as damaged, or as zeros.
   std::vector<int64_t> lost_steps = {};
+  std::string value_unit = {};  // of the values, e.g. "K"; may be empty: unknown
   friend bool operator==(const FieldInfo&, const FieldInfo&) = default;
 };
 

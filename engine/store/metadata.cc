@@ -142,6 +142,9 @@ json Attributes(const DatasetInfo& info) {
     if (!field.lost_steps.empty()) {
       attributes["lost_steps"] = field.lost_steps;
     }
+    if (!field.value_unit.empty()) {
+      attributes["value_unit"] = field.value_unit;
+    }
   }
   json attributes = {{"format_version", kFormatVersion},
                      {"wavelet", info.wavelet},
@@ -330,6 +333,7 @@ FieldInfo FieldFrom(const std::string& name, const json& field) {
   if (field.contains("lost_steps")) {
     info.lost_steps = field.at("lost_steps").get<std::vector<int64_t>>();
   }
+  info.value_unit = field.value("value_unit", std::string());
   return info;
 }
 

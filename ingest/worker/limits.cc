@@ -38,6 +38,17 @@ Status LimitProcess(int64_t memory_bytes, bool dies_with_thread) {
   return absl::OkStatus();
 }
 
+Status OutOfMemory() {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) {
+    return ResourceExhausted("reading it needs more memory than there is");
+  }
+  return ResourceExhausted(
+      "reading it needs more memory than its worker may use ({} MB); allow more with "
+      "--worker-memory",
+      limit.rlim_cur >> 20);
+}
+
 Status LimitProcessorTime(int64_t seconds) {
   rusage used{};
   rlimit limit{};

@@ -12,6 +12,9 @@ namespace fovea::ingest {
 /// `dies_with_thread` the process is killed when the thread that started it ends.
 [[nodiscard]] Status LimitProcess(int64_t memory_bytes, bool dies_with_thread);
 
+/// RESOURCE_EXHAUSTED that says how much may be used, and by which flag.
+[[nodiscard]] Status OutOfMemory();
+
 /// Allows `seconds` more of processor time, of all threads together, counted from now; SIGXCPU is
 /// what comes after.
 [[nodiscard]] Status LimitProcessorTime(int64_t seconds);

@@ -15,9 +15,10 @@
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
 #include "ingest/slab_ring.h"
+#include "ingest/worker/dense_reader.h"
+#include "ingest/worker/header_reader.h"
 #include "ingest/worker/limits.h"
 #include "ingest/worker/picture_encoder.h"
-#include "ingest/worker/raw_reader.h"
 #include "ingest/worker/sandbox.h"
 #include "ingest/worker/vdb_reader.h"
 
@@ -34,11 +35,13 @@ Status Answer(const FrameView& request, Channel* channel) {
   switch (request.kind) {
     case FrameKind::kScan: {
       FOVEA_ASSIGN_OR_RETURN(const ScanRequest scan, DecodeScanRequest(request));
-      return scan.raw ? ScanRaw(scan, channel) : ScanVdb(scan, channel);
+      FOVEA_ASSIGN_OR_RETURN(const FileFormat format, ChooseFormat(scan.paths, scan.hints));
+      return format == FileFormat::kVdb ? ScanVdb(scan, channel) : ScanDense(scan, format, channel);
     }
     case FrameKind::kRead: {
       FOVEA_ASSIGN_OR_RETURN(const ReadRequest read, DecodeReadRequest(request));
-      return read.raw ? ReadRaw(read, channel) : ReadVdb(read, channel);
+      FOVEA_ASSIGN_OR_RETURN(const FileFormat format, ChooseFormat(read.paths, read.hints));
+      return format == FileFormat::kVdb ? ReadVdb(read, channel) : ReadDense(read, format, channel);
     }
     case FrameKind::kPicture: {
       FOVEA_ASSIGN_OR_RETURN(const PictureRequest picture, DecodePictureRequest(request));

@@ -1,7 +1,5 @@
 #include "ingest/worker/vdb_reader.h"
 
-#include <sys/resource.h>
-
 #include <cmath>
 #include <exception>
 #include <functional>
@@ -9,22 +7,12 @@
 #include <stdexcept>
 #include <string>
 
+#include "ingest/worker/limits.h"
 #include "ingest/worker/vdb_archive.h"
 #include "ingest/worker/vdb_sender.h"
 
 namespace fovea::ingest {
 namespace {
-
-Status OutOfMemory() {
-  rlimit limit{};
-  if (::getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) {
-    return ResourceExhausted("reading it needs more memory than there is");
-  }
-  return ResourceExhausted(
-      "reading it needs more memory than its worker may use ({} MB); allow more with "
-      "--worker-memory",
-      limit.rlim_cur >> 20);
-}
 
 /// The one place where OpenVDB's exceptions end.
 Status Guarded(const std::function<Status()>& body) {
@@ -140,8 +128,10 @@ GridInfo DescribeGrid(VdbArchive* archive, const openvdb::io::GridDescriptor& de
 }
 
 Status SendScan(const ScanRequest& request, Channel* channel) {
-  VdbArchive archive(request.path);
-  FileInfo file{archive.file_bytes(), FindWorldUnit(archive.metadata())};
+  VdbArchive archive(request.paths.front());
+  FileInfo file;
+  file.file_bytes = archive.file_bytes();
+  file.world_unit = FindWorldUnit(archive.metadata());
   std::vector<GridInfo> grids;
   for (const openvdb::io::GridDescriptor& descriptor : archive.grids()) {
     grids.push_back(DescribeGrid(&archive, descriptor, request.from_voxels, &file.world_unit));
@@ -154,7 +144,7 @@ Status SendScan(const ScanRequest& request, Channel* channel) {
 }
 
 Status SendGrids(const ReadRequest& request, Channel* channel) {
-  VdbArchive archive(request.path);
+  VdbArchive archive(request.paths.front());
   for (size_t i = 0; i < request.grids.size(); ++i) {
     const openvdb::io::GridDescriptor* wanted = nullptr;
     for (const openvdb::io::GridDescriptor& descriptor : archive.grids()) {

@@ -274,7 +274,23 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
   AddParsed(
       app, "--spacing", "X,Y,Z", ParsePosition,
       [ingest](const frames::Position& spacing) { ingest->spacing = spacing.at; },
-      "With --raw: size of a voxel in the world (default 1,1,1)")
+      "All but VDB: size of a voxel in the world (default: as the file says, else 1,1,1)")
+      ->group(kForeignGroup);
+  app->add_option("--channel", ingest->channel,
+                  "Of several values a voxel: which one, by number (from 0) or name; pictures: "
+                  "also luminance, the default")
+      ->type_name("C")
+      ->group(kForeignGroup);
+  app->add_option(
+         "--axes", ingest->axes,
+         "NumPy: what the axes of the array are, a letter of x, y, z, t (step), c (channel) "
+         "each (default zyx or tzyx)")
+      ->type_name("ZYX")
+      ->group(kForeignGroup);
+  app->add_option("--slices", ingest->slices_per_step,
+                  "Pictures: so many slices make a step (default: as the files are)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("N")
       ->group(kForeignGroup);
   AddParsed(app, "--on-missing", "WHAT", ParseOnMissing, Into(&ingest->on_missing),
             "A missing file or grid is an error, skip or hold: stop, leave it out, or show the "
@@ -303,7 +319,7 @@ void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest) {
   AddParsed(app, "--wavelet", "W", ParseWavelet, Into(&ingest->wavelet),
             "haar, cdf53 or cdf97 (default haar; with --append, the dataset's)");
   app->add_flag("--lossless", ingest->lossless,
-                "Reversible integer coefficients, haar or cdf53: for --raw voxels of 8 or 16 bits");
+                "Reversible integer coefficients, haar or cdf53: for voxels of 8 or 16 bits");
 }
 
 void AddPictureInput(CLI::App* app, PictureInput* input) {

@@ -32,7 +32,8 @@ json ToJson(const client::DatasetSummary& summary) {
     fields.push_back({{"name", field.name},
                       {"type", field.type},
                       {"minimum", field.minimum},
-                      {"maximum", field.maximum}});
+                      {"maximum", field.maximum},
+                      {"value_unit", field.value_unit}});
   }
   json value = {{"name", summary.name},
                 {"nx", dims.x},
@@ -65,8 +66,9 @@ void Print(const client::DatasetSummary& summary) {
                         static_cast<double>(summary.first_time_ns) / 1e9,
                         static_cast<double>(summary.last_time_ns) / 1e9));
   for (const store::FieldInfo& field : info.fields) {
-    PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}", field.name, field.minimum,
-                          field.maximum, field.name == info.default_field ? " (default)" : ""));
+    PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}{}{}", field.name, field.minimum,
+                          field.maximum, field.value_unit.empty() ? "" : " ", field.value_unit,
+                          field.name == info.default_field ? " (default)" : ""));
   }
   if (summary.default_spec.field) {
     PrintLine(fmt::format("  pictures  {}", PinningFlags(summary.default_spec, dims)));

@@ -151,18 +151,23 @@ StatusOr<std::string> CacheName(const ingest::IngestOptions& options) {
   }
   if (options.raw) {
     const ingest::RawFormat& raw = *options.raw;
-    key += fmt::format("\nraw {} {} {} {} {} {} {} {} {} {}", raw.dims.x, raw.dims.y, raw.dims.z,
-                       raw.type, raw.big_endian, raw.header_bytes, raw.steps_per_file,
-                       options.spacing.x, options.spacing.y, options.spacing.z);
+    key += fmt::format("\nraw {} {} {} {} {} {} {}", raw.dims.x, raw.dims.y, raw.dims.z, raw.type,
+                       raw.big_endian, raw.header_bytes, raw.steps_per_file);
   }
+  if (const auto& spacing = options.spacing) {
+    key += fmt::format("\nspacing {} {} {}", spacing->x, spacing->y, spacing->z);
+  }
+  key += fmt::format("\n'{}' '{}' {}", options.channel, options.axes, options.slices_per_step);
   for (const ingest::SequenceFile& file : files) {
-    std::error_code error;
-    struct stat info {};
-    if (::stat(file.path.c_str(), &info) != 0) {
-      return NotFound("cannot read {}: {}", file.path, std::generic_category().message(errno));
+    for (const std::string& path : file.Paths()) {
+      std::error_code error;
+      struct stat info {};
+      if (::stat(path.c_str(), &info) != 0) {
+        return NotFound("cannot read {}: {}", path, std::generic_category().message(errno));
+      }
+      key += fmt::format("\n{} {} {}.{:09} {}", fs::absolute(path, error).string(), info.st_size,
+                         info.st_mtim.tv_sec, info.st_mtim.tv_nsec, file.held);
     }
-    key += fmt::format("\n{} {} {}.{:09} {}", fs::absolute(file.path, error).string(), info.st_size,
-                       info.st_mtim.tv_sec, info.st_mtim.tv_nsec, file.held);
   }
   std::string stem = files.front().path;
   stem = fs::path(stem).stem().string();

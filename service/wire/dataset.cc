@@ -37,6 +37,7 @@ v1::Dataset ToProto(const DatasetSummary& summary) {
     out.set_type(field.type);
     out.set_minimum(field.minimum);
     out.set_maximum(field.maximum);
+    out.set_value_unit(field.value_unit);
   }
   proto.set_default_field(info.default_field);
   proto.set_wavelet(info.wavelet);
@@ -64,7 +65,12 @@ StatusOr<DatasetSummary> FromProto(const v1::Dataset& proto) {
   info.hierarchy = *hierarchy;
   info.committed_steps = static_cast<int64_t>(proto.committed_steps());
   for (const v1::Dataset::Field& field : proto.fields()) {
-    info.fields.push_back({field.name(), field.type(), field.minimum(), field.maximum()});
+    store::FieldInfo& in = info.fields.emplace_back();
+    in.name = field.name();
+    in.type = field.type();
+    in.minimum = field.minimum();
+    in.maximum = field.maximum();
+    in.value_unit = field.value_unit();
   }
   info.default_field = proto.default_field();
   info.wavelet = proto.wavelet();

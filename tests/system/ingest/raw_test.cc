@@ -49,6 +49,10 @@ void AppendAs(const std::string& type, double value, bool big_endian, std::strin
     Append<uint32_t>(value, big_endian, bytes);
   } else if (type == "int32") {
     Append<int32_t>(value, big_endian, bytes);
+  } else if (type == "uint64") {
+    Append<uint64_t>(value, big_endian, bytes);
+  } else if (type == "int64") {
+    Append<int64_t>(value, big_endian, bytes);
   } else if (type == "float32") {
     Append<float>(value, big_endian, bytes);
   } else {
@@ -122,6 +126,8 @@ std::vector<TypeAndOrder> AllTypes() {
     all.push_back({"int16", big, -32768, 32767});
     all.push_back({"uint32", big, 0, 4294967295.0});
     all.push_back({"int32", big, -2147483648.0, 2147483647});
+    all.push_back({"uint64", big, 0, 9007199254740991.0});
+    all.push_back({"int64", big, -9007199254740991.0, 9007199254740991.0});
     all.push_back({"float32", big, -3.5, 7.25});
     all.push_back({"float64", big, -3.5, 7.25});
   }
@@ -276,7 +282,7 @@ TEST_F(RawTest, LosslessIsRefusedWhereItCannotBe) {
   };
   IngestOptions options = Options("a.raw", {{2, 2, 2}, "float32", false, 0, 1});
   options.lossless = true;
-  expect_refused(options, "raw voxels of 8 or 16 bits, not of float32");
+  expect_refused(options, "voxels of 8 or 16 bits, not of float32");
   options.raw->type = "uint16";
   options.raw->steps_per_file = 2;
   options.wavelet = Wavelet::kCdf97;
@@ -290,6 +296,66 @@ TEST_F(RawTest, LosslessIsRefusedWhereItCannotBe) {
   expect_refused(options, "voxels of 16 bits do not fit");
   options.raw = RawFormat{{2, 2, 2}, "float32", false, 0, 1};
   expect_refused(options, "not of float32");
+}
+
+TEST_F(RawTest, ASidecarSaysHowTheVoxelsLie) {
+  Write("a.raw", std::string("\0\1\0\2\0\3\0\4\1\0\2\0\3\0\4\0", 16));
+  Write("a.raw.json",
+        R"({"dims_xyz": [4, 1, 1], "type": "uint16", "byte_order": "big", "steps": 2,
+            "spacing_xyz": [1, 2, 4], "origin_xyz": [10, 20, 30], "world_unit": "mm",
+            "value_unit": "HU", "times_s": [0.5, 2], "colour": ["any", {"thing": null}]})");
+  IngestOptions options = Options("a.raw*", {});
+  options.raw.reset();
+  ASSERT_OK(Ingest(options));
+  ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+  const store::DatasetInfo info = dataset->info();
+  EXPECT_EQ(info.index_to_world.TransformPoint({0, 0, 0}), (Vec3{10, 20, 30}));
+  EXPECT_EQ(info.index_to_world.Spacing(), (Vec3{1, 2, 4}));
+  EXPECT_EQ(info.world_unit, "mm");
+  EXPECT_EQ(info.fields[0].value_unit, "HU");
+  ASSERT_OK_AND_ASSIGN(const int64_t time, dataset->TimeNs(1));
+  EXPECT_EQ(time, 2'000'000'000);
+  ASSERT_OK_AND_ASSIGN(const Grid voxels, StoredVoxels(options.output, 1, "density"));
+  EXPECT_EQ(voxels.values, (std::vector<float>{256, 512, 768, 1024}));
+}
+
+TEST_F(RawTest, AFormatThatIsGivenWinsOverTheSidecarAndAContradictionIsSaid) {
+  Write("a.raw", std::string(8, 'a'));
+  Write("a.raw.json", R"({"dims_xyz": [2, 2, 2], "type": "uint8", "spacing_xyz": [2, 2, 2]})");
+  IngestOptions options = Options("a.raw", {{4, 2, 1}, "uint8", false, 0, 1});
+  ASSERT_OK_AND_ASSIGN(const IngestReport report, Ingest(options));
+  EXPECT_EQ(report.dims, (Int3{4, 2, 1}));
+  EXPECT_THAT(report.warnings, Contains(HasSubstr("a.raw.json' says 2x2x2x1:uint8")));
+  options = Options("a.raw", {{2, 2, 2}, "uint8", true, 0, 1});  // one byte has no order
+  options.output = folder_ / "same.zarr";
+  options.spacing = Vec3{1, 1, 3};
+  ASSERT_OK_AND_ASSIGN(const IngestReport same, Ingest(options));
+  EXPECT_THAT(same.warnings, IsEmpty());
+  ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+  EXPECT_EQ(dataset->info().index_to_world.Spacing(), (Vec3{1, 1, 3}));
+}
+
+TEST_F(RawTest, HeaderlessVoxelsNeedSomebodyToSayWhatTheyAre) {
+  Write("a.raw", std::string(8, 'a'));
+  Write("a.xyz", std::string(8, 'a'));
+  IngestOptions options = Options("a.raw", {});
+  options.raw.reset();
+  EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kInvalidArgument, "with --raw, e.g."));
+  options.inputs = {folder_ / "a.xyz"};
+  EXPECT_THAT(Ingest(options),
+              FailsWith(absl::StatusCode::kInvalidArgument, "can be read: OpenVDB"));
+  options.inputs = {folder_ / "a.raw"};
+  for (const auto& [text, says] : std::vector<std::pair<std::string, std::string>>{
+           {"{", "not a JSON object"},
+           {"[1]", "not a JSON object"},
+           {"{}", "'dims_xyz' is not a list of 3"},
+           {R"({"dims_xyz": [2, 2, 2], "type": "u7"})", "raw type 'u7'"},
+           {R"({"dims_xyz": [2, 2, 1e99], "type": "uint8"})", "whole number"},
+           {R"({"dims_xyz": [2, 2, 3], "type": "uint8"})", "has 8 bytes"}}) {
+    Write("a.raw.json", text);
+    EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kInvalidArgument, says));
+  }
+  EXPECT_FALSE(std::filesystem::exists(options.output));
 }
 
 TEST_F(RawTest, StepsOfSeveralFilesAreAppended) {

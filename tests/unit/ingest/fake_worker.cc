@@ -94,6 +94,6 @@ int main() {
       return 0;
     }
     const auto scan = DecodeScanRequest(*request);
-    Behave(scan.ok() ? scan->path : "", &channel);
+    Behave(scan.ok() ? scan->paths.front() : "", &channel);
   }
 }

@@ -16,17 +16,20 @@ using ::fovea::testing::FailsWith;
 constexpr auto kInternal = absl::StatusCode::kInternal;
 
 TEST(ProtocolTest, RequestsComeBackAsSent) {
-  const RawFormat raw{{3, 4, 5}, "uint16", true, 7, 2};
-  ASSERT_OK_AND_ASSIGN(const auto scan, DecodeScanRequest(Encode(ScanRequest{"a.vdb", raw, true})));
-  EXPECT_EQ(scan.path, "a.vdb");
-  EXPECT_EQ(scan.raw, raw);
+  const ReaderHints hints{RawFormat{{3, 4, 5}, "uint16", true, 7, 2}, "red", "zyx", 9};
+  ASSERT_OK_AND_ASSIGN(
+      const auto scan,
+      DecodeScanRequest(Encode(ScanRequest{{"a.raw", "a.raw.json"}, hints, true})));
+  EXPECT_EQ(scan.paths, (std::vector<std::string>{"a.raw", "a.raw.json"}));
+  EXPECT_EQ(scan.hints, hints);
   EXPECT_TRUE(scan.from_voxels);
-  const ReadRequest request{"b", std::nullopt, 3, {{-5, 0, 1}, {6, 7, 8}}, {"x", "y[1]"}};
+  const ReadRequest request{{"b", "c"}, {}, 3, {{-5, 0, 1}, {6, 7, 8}}, {"x", "y[1]"}};
   ASSERT_OK_AND_ASSIGN(const auto read, DecodeReadRequest(Encode(request)));
+  EXPECT_EQ(read.paths, request.paths);
   EXPECT_EQ(read.extent, request.extent);
   EXPECT_EQ(read.grids, request.grids);
   EXPECT_EQ(read.step_in_file, 3);
-  EXPECT_EQ(read.raw, std::nullopt);
+  EXPECT_EQ(read.hints, ReaderHints{});
   ASSERT_OK_AND_ASSIGN(const auto picture,
                        DecodePictureRequest(Encode(PictureRequest{"exr", 9, 8})));
   EXPECT_EQ(picture.format, "exr");
@@ -34,13 +37,21 @@ TEST(ProtocolTest, RequestsComeBackAsSent) {
 }
 
 TEST(ProtocolTest, RepliesComeBackAsSent) {
-  GridInfo grid{"density", "float", "", {{-3, -2, -1}, {4, 5, 6}}, {}, 1234};
+  const FileInfo file{7, "mm", true, 2, {0.5, 3}, {"a.raw"}, {"odd"}};
+  ASSERT_OK_AND_ASSIGN(const FileInfo about, DecodeFileInfo(Encode(file)));
+  EXPECT_EQ(about.world_unit, "mm");
+  EXPECT_TRUE(about.is_dense);
+  EXPECT_EQ(about.times_s, file.times_s);
+  EXPECT_EQ(about.needs, file.needs);
+  EXPECT_EQ(about.warnings, file.warnings);
+  GridInfo grid{"density", "float", "", {{-3, -2, -1}, {4, 5, 6}}, {}, 1234, "K"};
   grid.index_to_world.m[3] = 2.5;
   ASSERT_OK_AND_ASSIGN(const GridInfo back, DecodeGridInfo(Encode(grid)));
   EXPECT_EQ(back.name, grid.name);
   EXPECT_EQ(back.box, grid.box);
   EXPECT_EQ(back.index_to_world, grid.index_to_world);
   EXPECT_EQ(back.declared_bytes, 1234);
+  EXPECT_EQ(back.value_unit, "K");
   const std::vector<float> values{1, 2, 3, 4, 5, 6};
   const Frame frame = EncodeBlock({{0, 0, 0}, {1, 2, 3}}, values);
   ASSERT_OK_AND_ASSIGN(const Block block, DecodeBlock(frame));
@@ -119,6 +130,17 @@ TEST(ProtocolTest, TransformsMustBeUsable) {
   }
 }
 
+TEST(ProtocolTest, StepsOfAFileMakeSense) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (const FileInfo& bad :
+       {FileInfo{3, "", true, 0, {}, {}, {}}, FileInfo{3, "", true, -1, {}, {}, {}},
+        FileInfo{3, "", true, 1 << 30, {}, {}, {}}, FileInfo{3, "", true, 2, {1.0}, {}, {}},
+        FileInfo{3, "", true, 1, {nan}, {}, {}}}) {
+    EXPECT_THAT(DecodeFileInfo(Encode(bad)), FailsWith(kInternal, "steps of a file"));
+  }
+  EXPECT_THAT(DecodeScanRequest(Encode(ScanRequest{})), FailsWith(kInternal, "no file"));
+}
+
 TEST(ProtocolTest, BackgroundsAreFinite) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   EXPECT_THAT(DecodeFieldStart(Encode(FieldStart{0, nan, 0})), FailsWith(kInternal, "background"));
@@ -128,9 +150,9 @@ TEST(ProtocolTest, BackgroundsAreFinite) {
 TEST(ProtocolTest, EveryCutAndEveryExtensionIsRefused) {
   const std::vector<float> values(8, 1.0F);
   const GridInfo grid{"density", "float", "none", {{0, 0, 0}, {1, 1, 1}}, {}, 1};
-  const std::vector<Frame> frames{Encode(ScanRequest{"a", RawFormat{}, false}),
-                                  Encode(ReadRequest{"a", {}, 0, {{0, 0, 0}, {1, 1, 1}}, {"g"}}),
-                                  Encode(FileInfo{3, "m"}),
+  const std::vector<Frame> frames{Encode(ScanRequest{{"a"}, {RawFormat{}, "", "", 0}, false}),
+                                  Encode(ReadRequest{{"a"}, {}, 0, {{0, 0, 0}, {1, 1, 1}}, {"g"}}),
+                                  Encode(FileInfo{3, "m", true, 1, {2.0}, {"n"}, {"w"}}),
                                   Encode(grid),
                                   Encode(FieldStart{0, 1, 2}),
                                   Encode(FieldEnd{{{0, 0, 0}, {1, 1, 1}}, 0}),

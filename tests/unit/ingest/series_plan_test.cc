@@ -45,7 +45,7 @@ TEST(PlanSeriesTest, TheExtentIsTheUnionAndVoxelsBeginHalfABeforeTheirCentre) {
   EXPECT_EQ(plan.index_to_world.Spacing(), (Vec3{0.5, 0.5, 0.5}));
   ASSERT_EQ(plan.steps.size(), 2U);
   EXPECT_EQ(plan.steps[1].frame_number, 2);
-  EXPECT_EQ(plan.steps[1].sources[1], (FieldSource{"f2.vdb", "heat", 0}));
+  EXPECT_EQ(plan.steps[1].sources[1], (FieldSource{"f2.vdb", "heat", 0, 1}));
   EXPECT_THAT(plan.warnings, ElementsAre(HasSubstr("'density' is empty (all background) in 1 of 2"),
                                          HasSubstr("'heat' is empty")));
 }
@@ -186,22 +186,77 @@ TEST_F(AppendPlanTest, UnnumberedStepsGoOnCounting) {
   EXPECT_EQ(plan.steps[0].time_ns, 83'333'333);
 }
 
-TEST(PlanRawTest, StepsOfAFileHaveNoFrameNumberOfTheirOwn) {
+ScannedFile DenseFile(int64_t number, int64_t steps, std::vector<double> times = {}) {
+  GridInfo grid{"", "uint8", "", Box3::OfSize({4, 5, 6}), {}, 0, "K"};
+  grid.index_to_world.m = {1, 0, 0, 0.5, 0, 1, 0, 0.5, 0, 0, 1, 0.5, 0, 0, 0, 1};
+  ScannedFile file = File(number, {grid});
+  file.info.is_dense = true;
+  file.info.steps = steps;
+  file.info.times_s = std::move(times);
+  return file;
+}
+
+TEST(PlanDenseTest, StepsOfAFileHaveNoFrameNumberOfTheirOwn) {
   IngestOptions options;
-  options.raw = RawFormat{{4, 5, 6}, "uint8", false, 0, 3};
   options.spacing = {1, 2, 3};
-  GridInfo grid{"", "uint8", "", Box3::OfSize({4, 5, 6}), {}, 0};
-  ASSERT_OK_AND_ASSIGN(const SeriesPlan plan, PlanSeries(options, {File(7, {grid})}, {}));
+  ScannedFile file = DenseFile(7, 3);
+  file.file.further = {"f7.raw.json"};
+  file.info.warnings = {"odd"};
+  ASSERT_OK_AND_ASSIGN(const SeriesPlan plan, PlanSeries(options, {file}, {}));
   ASSERT_EQ(plan.steps.size(), 3U);
   EXPECT_EQ(plan.steps[2].sources[0].step_in_file, 2);
   EXPECT_EQ(plan.steps[2].frame_number, std::nullopt);
   EXPECT_EQ(plan.index_to_world.Spacing(), (Vec3{1, 2, 3}));
   EXPECT_EQ(plan.index_to_world.TransformPoint({0, 0, 0}), (Vec3{0, 0, 0}));
+  EXPECT_THAT(plan.source_types, ElementsAre("uint8"));
+  EXPECT_THAT(plan.value_units, ElementsAre("K"));
+  EXPECT_THAT(plan.file_sets, ElementsAre(ElementsAre("f7.vdb", "f7.raw.json")));
+  EXPECT_THAT(plan.warnings, ElementsAre("odd"));
   options.spacing = {1, 0, 1};
-  EXPECT_THAT(PlanSeries(options, {File(7, {grid})}, {}), FailsWith(kInvalid, "spacing"));
+  EXPECT_THAT(PlanSeries(options, {file}, {}), FailsWith(kInvalid, "spacing"));
   options.spacing = {1, 1, 1};
   options.field = "a/b";
-  EXPECT_THAT(PlanSeries(options, {File(7, {grid})}, {}), FailsWith(kInvalid, "field name"));
+  EXPECT_THAT(PlanSeries(options, {file}, {}), FailsWith(kInvalid, "field name"));
+}
+
+TEST(PlanDenseTest, StepsAreOfOneSizeAndKind) {
+  ScannedFile other = DenseFile(2, 1);
+  other.grids[0].box.hi.x = 3;
+  EXPECT_THAT(PlanSeries({}, {DenseFile(1, 1), other}, {}),
+              FailsWith(kInvalid, "f2.vdb: has 3 x 5 x 6 voxels, but 'f1.vdb' has 4 x 5 x 6"));
+  EXPECT_THAT(PlanSeries({}, {DenseFile(1, 1), File(2, {Grid("d", kA)})}, {}),
+              FailsWith(kInvalid, "different kinds"));
+  other = DenseFile(2, 1);
+  other.grids[0].type = "int16";
+  ASSERT_OK_AND_ASSIGN(const SeriesPlan plan, PlanSeries({}, {DenseFile(1, 1), other}, {}));
+  EXPECT_THAT(plan.source_types, ElementsAre("mixed"));
+}
+
+TEST(PlanDenseTest, TimesAreThoseAskedForThenThoseOfTheRateThenThoseOfTheFiles) {
+  const std::vector<ScannedFile> files{DenseFile(1, 2, {0.5, 1}), DenseFile(2, 1, {4})};
+  const auto times = [](const SeriesPlan& plan) {
+    std::vector<double> seconds;
+    for (const PlannedStep& step : plan.steps) {
+      seconds.push_back(static_cast<double>(step.time_ns) * 1e-9);
+    }
+    return seconds;
+  };
+  IngestOptions options;
+  ASSERT_OK_AND_ASSIGN(SeriesPlan plan, PlanSeries(options, files, {}));
+  EXPECT_THAT(times(plan), ElementsAre(0.5, 1, 4));
+  options.frames_per_second = 2;
+  ASSERT_OK_AND_ASSIGN(plan, PlanSeries(options, files, {}));
+  EXPECT_THAT(times(plan), ElementsAre(0, 0.5, 1));
+  options.times_s = {1, 1, 8};
+  ASSERT_OK_AND_ASSIGN(plan, PlanSeries(options, files, {}));
+  EXPECT_THAT(times(plan), ElementsAre(1, 1, 8));
+  options.times_s = {1, 2};
+  EXPECT_THAT(PlanSeries(options, files, {}), FailsWith(kInvalid, "--times: 2 times for 3 steps"));
+  options.times_s = {1, 3, 2};
+  EXPECT_THAT(PlanSeries(options, files, {}), FailsWith(kInvalid, "at 2 s, before the last step"));
+  // Files that all begin at 0 do not say when they are.
+  ASSERT_OK_AND_ASSIGN(plan, PlanSeries({}, {DenseFile(24, 1, {0}), DenseFile(48, 1, {0})}, {}));
+  EXPECT_THAT(times(plan), ElementsAre(1, 2));
 }
 
 }  // namespace

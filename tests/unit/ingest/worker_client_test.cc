@@ -31,7 +31,7 @@ WorkerOptions Fake(double seconds) {
 }
 
 Status Scan(WorkerClient* client, const std::string& path) {
-  return client->Call(path, Encode(ScanRequest{path, {}, false}), {},
+  return client->Call(path, Encode(ScanRequest{{path}, {}, false}), {},
                       [](const FrameView& frame) { return DecodeFileInfo(frame).status(); });
 }
 
@@ -104,7 +104,7 @@ TEST(WorkerClientTest, TheRealWorkerReadsNothingButWhatWasAllowed) {
   }
   const std::string other = FOVEA_SOURCE_DIR "/tests/data/plume/plume_0005.vdb";
   const auto ignore = [](const FrameView&) { return absl::OkStatus(); };
-  const Frame request = Encode(ScanRequest{other, {}, false});
+  const Frame request = Encode(ScanRequest{{other}, {}, false});
   EXPECT_THAT(client.Call(other, request, {}, ignore),
               FailsWith(absl::StatusCode::kDataLoss, "Permission denied"));
   client.Allow({other});
