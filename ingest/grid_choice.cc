@@ -31,6 +31,9 @@ std::string ListGrids(const std::vector<ScannedFile>& files) {
   std::vector<std::string> seen;
   for (const ScannedFile& file : files) {
     for (const GridInfo& grid : file.grids) {
+      if (grid.on_request) {
+        continue;  // its vector grid is listed
+      }
       std::string text = fmt::format("{} ({})", Printable(grid.name), grid.type);
       if (std::find(seen.begin(), seen.end(), text) == seen.end() && seen.size() < kMaxListed) {
         seen.push_back(std::move(text));
@@ -38,6 +41,22 @@ std::string ListGrids(const std::vector<ScannedFile>& files) {
     }
   }
   return seen.empty() ? "no grids at all" : absl::StrJoin(seen, ", ");
+}
+
+/// What to do where no grid can be taken as it is.
+std::string AdviceFor(const std::vector<ScannedFile>& files) {
+  std::string advice;
+  for (const ScannedFile& file : files) {
+    for (const GridInfo& grid : file.grids) {
+      if (!grid.problem.empty() && advice.find(grid.problem) == std::string::npos) {
+        advice += fmt::format("; '{}': {}", Printable(grid.name), grid.problem);
+      }
+    }
+    if (!advice.empty()) {
+      break;  // one file tells enough
+    }
+  }
+  return advice;
 }
 
 Status CheckUnique(const std::vector<ScannedFile>& files) {
@@ -53,10 +72,20 @@ Status CheckUnique(const std::vector<ScannedFile>& files) {
   return absl::OkStatus();
 }
 
-/// The grid of the series that was asked for as `name`.
-StatusOr<std::string> ResolveAsked(const std::string& name, const std::vector<ScannedFile>& files) {
+/// The grid of the series that was asked for as `name`: of a vector grid its length, with a warning.
+StatusOr<std::string> ResolveAsked(const std::string& name, const std::vector<ScannedFile>& files,
+                                   std::vector<std::string>* warnings) {
   for (const ScannedFile& file : files) {
     const GridInfo* grid = FindGrid(file, name);
+    if (grid != nullptr && !grid->problem.empty()) {
+      const GridInfo* length = FindGrid(file, grid->name + ".magnitude");
+      if (length != nullptr && length->on_request) {
+        warnings->push_back(fmt::format(
+            "grid '{}' holds vectors: their length was taken, '{}' (a component: --grid {}.x)",
+            Printable(grid->name), Printable(length->name), Printable(grid->name)));
+        return length->name;
+      }
+    }
     if (grid != nullptr && !grid->problem.empty()) {
       return InvalidArgument("{}: grid '{}' cannot be read: {}", file.file.path,
                              Printable(grid->name), grid->problem);
@@ -77,7 +106,7 @@ StatusOr<GridChoice> ChooseAsked(const std::vector<std::string>& asked,
                                  const std::vector<ScannedFile>& files) {
   GridChoice choice;
   for (const std::string& name : asked) {
-    FOVEA_ASSIGN_OR_RETURN(const std::string grid, ResolveAsked(name, files));
+    FOVEA_ASSIGN_OR_RETURN(const std::string grid, ResolveAsked(name, files, &choice.warnings));
     choice.grids.push_back({grid, FieldNameOf(grid)});
   }
   return choice;
@@ -89,6 +118,9 @@ StatusOr<GridChoice> ChooseAll(const std::vector<ScannedFile>& files) {
   std::set<std::string> left_out;
   for (const ScannedFile& file : files) {
     for (const GridInfo& grid : file.grids) {
+      if (grid.on_request) {
+        continue;
+      }
       if (grid.problem.empty()) {
         if (seen.insert(grid.name).second) {
           choice.grids.push_back({grid.name, FieldNameOf(grid.name)});
@@ -100,8 +132,8 @@ StatusOr<GridChoice> ChooseAll(const std::vector<ScannedFile>& files) {
     }
   }
   if (choice.grids.empty()) {
-    return InvalidArgument("no scalar grid in any file of the series; there are: {}",
-                           ListGrids(files));
+    return InvalidArgument("no scalar grid in any file of the series; there are: {}{}",
+                           ListGrids(files), AdviceFor(files));
   }
   return choice;
 }

@@ -39,6 +39,7 @@ struct GridChoice {
 
 /// Which grids of the series become fields: those asked for, in that order, or else every scalar
 /// grid of any file in the order in which they first appear; others are left out with a warning.
+/// A vector grid that is asked for by its name is taken as its length.
 /// Errors name file and grid: asked for but in no file, or not readable, or not to be told apart.
 [[nodiscard]] StatusOr<GridChoice> ChooseGrids(const std::vector<std::string>& asked,
                                                const std::vector<ScannedFile>& files);

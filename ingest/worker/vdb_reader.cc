@@ -9,7 +9,9 @@
 
 #include "ingest/worker/limits.h"
 #include "ingest/worker/vdb_archive.h"
+#include "ingest/worker/vdb_lattice.h"
 #include "ingest/worker/vdb_sender.h"
+#include "ingest/worker/vdb_vector.h"
 
 namespace fovea::ingest {
 namespace {
@@ -40,19 +42,6 @@ std::string FindWorldUnit(const openvdb::MetaMap& metadata) {
     }
   }
   return {};
-}
-
-/// Ours maps voxel centres as OpenVDB does; where a voxel begins is the program's business.
-/// OpenVDB multiplies row vectors, so its matrix is transposed.
-Matrix4 IndexToWorld(const openvdb::math::Transform& transform) {
-  const openvdb::math::Mat4d matrix = transform.baseMap()->getAffineMap()->getMat4();
-  Matrix4 result;
-  for (int row = 0; row < 4; ++row) {
-    for (int column = 0; column < 4; ++column) {
-      result.m[static_cast<size_t>(4 * row + column)] = matrix(column, row);
-    }
-  }
-  return result;
 }
 
 bool IsUsable(const Matrix4& matrix) {
@@ -87,18 +76,30 @@ void DescribeVoxels(const openvdb::GridBase& grid, GridInfo* about) {
   about->declared_bytes = static_cast<int64_t>(grid.memUsage());
 }
 
+std::string NameOf(const openvdb::io::GridDescriptor& descriptor) {
+  return openvdb::io::GridDescriptor::nameAsString(descriptor.uniqueName());
+}
+
+/// Of a grid whose type OpenVDB, as it is set up here, cannot read.
+std::string WhyUnreadable(const std::string& type) {
+  const bool points = type.find("ptdataidx") != std::string::npos ||
+                      type.find("ptidx") != std::string::npos;
+  return points ? "it holds points (particles), not voxels; make a density or level set of them first"
+                : fmt::format("type {} is not known", type);
+}
+
 GridInfo DescribeGrid(VdbArchive* archive, const openvdb::io::GridDescriptor& descriptor,
                       bool from_voxels, std::string* unit) {
   GridInfo about;
-  about.name = openvdb::io::GridDescriptor::nameAsString(descriptor.uniqueName());
+  about.name = NameOf(descriptor);
   about.type = descriptor.gridType();
   if (!openvdb::GridBase::isRegistered(descriptor.gridType())) {
-    about.problem = fmt::format("type {} is not known", descriptor.gridType());
+    about.problem = WhyUnreadable(descriptor.gridType());
     return about;
   }
   const openvdb::GridBase::Ptr grid = archive->ReadMetadata(descriptor);
   about.type = grid->valueType();
-  if (!IsScalar(*grid)) {
+  if (!IsScalar(*grid) && !IsVector(*grid)) {
     about.problem = fmt::format("type {} is not a scalar", about.type);
     return about;
   }
@@ -127,6 +128,25 @@ GridInfo DescribeGrid(VdbArchive* archive, const openvdb::io::GridDescriptor& de
   return about;
 }
 
+/// What a grid offers: itself, or if it holds vectors their length and components, on request.
+void Offer(GridInfo grid, std::vector<GridInfo>* offered) {
+  if (!grid.problem.empty() || !grid.type.starts_with("vec3")) {
+    offered->push_back(std::move(grid));
+    return;
+  }
+  GridInfo vectors = grid;
+  vectors.problem = fmt::format("type {} is a vector; ask for its length with --grid "
+                                "{}.magnitude, or for a component with --grid {}.x",
+                                grid.type, grid.name, grid.name);
+  offered->push_back(std::move(vectors));
+  for (const std::string_view part : kVectorPartNames) {
+    GridInfo scalar = grid;
+    scalar.name = fmt::format("{}.{}", grid.name, part);
+    scalar.on_request = true;
+    offered->push_back(std::move(scalar));
+  }
+}
+
 Status SendScan(const ScanRequest& request, Channel* channel) {
   VdbArchive archive(request.paths.front());
   FileInfo file;
@@ -134,7 +154,7 @@ Status SendScan(const ScanRequest& request, Channel* channel) {
   file.world_unit = FindWorldUnit(archive.metadata());
   std::vector<GridInfo> grids;
   for (const openvdb::io::GridDescriptor& descriptor : archive.grids()) {
-    grids.push_back(DescribeGrid(&archive, descriptor, request.from_voxels, &file.world_unit));
+    Offer(DescribeGrid(&archive, descriptor, request.from_voxels, &file.world_unit), &grids);
   }
   FOVEA_RETURN_IF_ERROR(channel->Send(Encode(file), Channel::kNoDeadline));
   for (const GridInfo& grid : grids) {
@@ -143,20 +163,40 @@ Status SendScan(const ScanRequest& request, Channel* channel) {
   return absl::OkStatus();
 }
 
+const openvdb::io::GridDescriptor* FindReadable(const VdbArchive& archive,
+                                                const std::string& name) {
+  for (const openvdb::io::GridDescriptor& descriptor : archive.grids()) {
+    if (NameOf(descriptor) == name && openvdb::GridBase::isRegistered(descriptor.gridType())) {
+      return &descriptor;
+    }
+  }
+  return nullptr;
+}
+
+/// The grid of this name as scalars: itself, or what it is of a grid of vectors.
+StatusOr<openvdb::GridBase::Ptr> ReadScalars(VdbArchive* archive, const std::string& name) {
+  if (const auto* descriptor = FindReadable(*archive, name)) {
+    return archive->ReadGrid(*descriptor);
+  }
+  const std::optional<VectorName> vector = ParseVectorName(name);
+  const auto* descriptor = vector ? FindReadable(*archive, vector->grid) : nullptr;
+  if (descriptor == nullptr) {
+    return NotFound("grid '{}' is not there any more", name);
+  }
+  const openvdb::GridBase::Ptr grid = archive->ReadGrid(*descriptor);
+  if (!IsVector(*grid)) {
+    return InvalidArgument("grid '{}' does not hold vectors", vector->grid);
+  }
+  return openvdb::GridBase::Ptr(ScalarOf(*grid, vector->part));
+}
+
 Status SendGrids(const ReadRequest& request, Channel* channel) {
   VdbArchive archive(request.paths.front());
   for (size_t i = 0; i < request.grids.size(); ++i) {
-    const openvdb::io::GridDescriptor* wanted = nullptr;
-    for (const openvdb::io::GridDescriptor& descriptor : archive.grids()) {
-      const std::string name = openvdb::io::GridDescriptor::nameAsString(descriptor.uniqueName());
-      if (wanted == nullptr && name == request.grids[i]) {
-        wanted = &descriptor;
-      }
+    FOVEA_ASSIGN_OR_RETURN(openvdb::GridBase::Ptr grid, ReadScalars(&archive, request.grids[i]));
+    if (request.lattice) {
+      FOVEA_ASSIGN_OR_RETURN(grid, OnLattice(grid, *request.lattice));
     }
-    if (wanted == nullptr || !openvdb::GridBase::isRegistered(wanted->gridType())) {
-      return NotFound("grid '{}' is not there any more", request.grids[i]);
-    }
-    const openvdb::GridBase::Ptr grid = archive.ReadGrid(*wanted);
     FOVEA_RETURN_IF_ERROR(SendGrid(*grid, static_cast<uint32_t>(i), request.extent, channel));
   }
   return absl::OkStatus();

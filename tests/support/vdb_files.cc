@@ -1,5 +1,6 @@
 #include "tests/support/vdb_files.h"
 
+#include <cmath>
 #include <fstream>
 #include <stdexcept>
 
@@ -29,6 +30,23 @@ openvdb::GridBase::Ptr MakeGrid(const VdbGrid& spec) {
     } else {
       grid->tree().setValueOff(ToCoord(voxel.at), static_cast<ValueT>(voxel.value));
     }
+  }
+  return grid;
+}
+
+template <typename GridT>
+openvdb::GridBase::Ptr MakeVectors(const VdbGrid& spec) {
+  using VectorT = typename GridT::ValueType;
+  using ElementT = typename VectorT::value_type;
+  auto grid = GridT::create();
+  for (const VdbVoxel& voxel : spec.voxels) {
+    grid->tree().setValueOn(
+        ToCoord(voxel.at),
+        VectorT(static_cast<ElementT>(voxel.vector.x), static_cast<ElementT>(voxel.vector.y),
+                static_cast<ElementT>(voxel.vector.z)));
+  }
+  if (spec.staggered) {
+    grid->setGridClass(openvdb::GRID_STAGGERED);
   }
   return grid;
 }
@@ -64,9 +82,13 @@ openvdb::GridBase::Ptr MakeTyped(const VdbGrid& spec, const openvdb::GridPtrVec&
     return grid;
   }
   if (spec.type == "vec3s") {
-    auto grid = openvdb::Vec3SGrid::create();
-    grid->tree().setValueOn({0, 0, 0}, {1, 2, 3});
-    return grid;
+    return MakeVectors<openvdb::Vec3SGrid>(spec);
+  }
+  if (spec.type == "vec3d") {
+    return MakeVectors<openvdb::Vec3DGrid>(spec);
+  }
+  if (spec.type == "vec3i") {
+    return MakeVectors<openvdb::Vec3IGrid>(spec);
   }
   if (spec.type == "points") {
     return openvdb::points::PointDataGrid::create();
@@ -84,6 +106,10 @@ void SetTransform(const VdbGrid& spec, openvdb::GridBase* grid) {
     return;
   }
   auto transform = openvdb::math::Transform::createLinearTransform(spec.voxel_size);
+  transform->postScale(openvdb::Vec3d(spec.scale.x, spec.scale.y, spec.scale.z));
+  if (spec.turn_deg != 0) {
+    transform->postRotate(spec.turn_deg * std::acos(-1.0) / 180, openvdb::math::Z_AXIS);
+  }
   transform->postTranslate({spec.origin.x, spec.origin.y, spec.origin.z});
   grid->setTransform(transform);
 }

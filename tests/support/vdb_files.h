@@ -14,6 +14,7 @@ struct VdbVoxel {
   Int3 at;
   double value = 1;
   bool active = true;
+  Vec3 vector = {};  // of grids of vectors, instead of value
 };
 
 /// A half-open box filled with one value; whole nodes become tiles.
@@ -25,14 +26,17 @@ struct VdbFill {
 
 struct VdbGrid {
   std::string name = "density";
-  /// float, double, half, int32, int64, bool, mask; vec3s and points hold no values; shared: the
-  /// tree of the first grid of the file.
+  /// float, double, half, int32, int64, bool, mask; vec3s, vec3d, vec3i (no fills); points, which
+  /// holds nothing; shared: the tree of the first grid of the file.
   std::string type = "float";
   double background = 0;
   std::vector<VdbFill> fills = {};
   std::vector<VdbVoxel> voxels = {};  // after the fills
   double voxel_size = 1;
-  Vec3 origin = {};       // world position of index (0, 0, 0)
+  Vec3 scale = {1, 1, 1};  // times voxel_size along each axis
+  double turn_deg = 0;     // about z, after scaling
+  Vec3 origin = {};        // world position of index (0, 0, 0)
+  bool staggered = false;  // the grid's class
   bool frustum = false;   // a transform that is not linear
   std::string unit = {};  // metadata "world_unit"
 };
