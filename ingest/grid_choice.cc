@@ -72,7 +72,8 @@ Status CheckUnique(const std::vector<ScannedFile>& files) {
   return absl::OkStatus();
 }
 
-/// The grid of the series that was asked for as `name`: of a vector grid its length, with a warning.
+/// The grid of the series that was asked for as `name`: of a vector grid its length, with a
+/// warning.
 StatusOr<std::string> ResolveAsked(const std::string& name, const std::vector<ScannedFile>& files,
                                    std::vector<std::string>* warnings) {
   for (const ScannedFile& file : files) {

@@ -35,6 +35,13 @@ enum class OnMissing {
   kHold,   // the step before stands in for it
 };
 
+/// What to do about grids, and steps, whose transforms differ.
+enum class Registration {
+  kSame,   // stop, saying what differs; grids that lie otherwise from the start are left out
+  kIndex,  // voxel i stays voxel i, wherever it lies; the first transform is kept
+  kWorld,  // all are brought to the first transform: moved, or resampled
+};
+
 /// Limits of the worker process. The memory limit is 512 MB + 3 x the declared bytes unless set.
 struct WorkerLimits {
   std::optional<int64_t> memory_bytes;
@@ -59,6 +66,7 @@ struct IngestOptions {
   std::optional<double> frames_per_second;  // time of a step = its number / this
   bool append = false;                      // add steps to an existing store
   OnMissing on_missing = OnMissing::kError;
+  Registration registration = Registration::kSame;  // VDB
   int64_t chunk_edge = 16;
   std::optional<Wavelet> wavelet;  // default Haar; with `append`, what the store has
   /// Reversible integer coefficients (Haar or CDF 5/3) of raw voxels of 8 bits, stored as int16, or

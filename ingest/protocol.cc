@@ -147,6 +147,10 @@ Frame Encode(const ReadRequest& message) {
   WriteHints(message.hints, &writer);
   writer.Number(message.step_in_file).Box(message.extent);
   WriteTexts(message.grids, &writer);
+  writer.Number<uint8_t>(message.lattice ? 1 : 0);
+  for (const double element : message.lattice.value_or(Matrix4{}).m) {
+    writer.Number(element);
+  }
   return {FrameKind::kRead, writer.Take()};
 }
 
@@ -176,6 +180,7 @@ Frame Encode(const GridInfo& message) {
     writer.Number(element);
   }
   writer.Number(message.declared_bytes).Text(message.value_unit);
+  writer.Number<uint8_t>(message.on_request ? 1 : 0);
   return {FrameKind::kGrid, writer.Take()};
 }
 
@@ -274,6 +279,14 @@ StatusOr<ReadRequest> DecodeReadRequest(const FrameView& frame) {
   message.step_in_file = reader.Number<int64_t>();
   message.extent = reader.Box();
   message.grids = ReadTexts(&reader);
+  const bool has_lattice = reader.Number<uint8_t>() != 0;
+  Matrix4 lattice;
+  for (double& element : lattice.m) {
+    element = reader.Number<double>();
+  }
+  if (has_lattice) {
+    message.lattice = lattice;
+  }
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kRead, reader, "read request"));
   if (message.paths.empty() || !IsSaneBox(message.extent, false)) {
     return Malformed("read request");
@@ -327,6 +340,7 @@ StatusOr<GridInfo> DecodeGridInfo(const FrameView& frame) {
   }
   message.declared_bytes = reader.Number<int64_t>();
   message.value_unit = Printable(reader.Text());
+  message.on_request = reader.Number<uint8_t>() != 0;
   FOVEA_RETURN_IF_ERROR(CheckFrame(frame, FrameKind::kGrid, reader, "grid"));
   if (!IsSaneBox(message.box, true) || message.declared_bytes < 0) {
     return Malformed("box or size of a grid");

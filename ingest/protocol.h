@@ -95,6 +95,8 @@ struct ReadRequest {
   int64_t step_in_file = 0;
   Box3 extent;                     // index space of the file: what to send
   std::vector<std::string> grids;  // unique names, as GridInfo gives them; dense: one, empty
+  /// VDB: the index-to-world matrix of the extent; grids that lie otherwise are resampled to it.
+  std::optional<Matrix4> lattice = {};
 };
 
 struct PictureRequest {
@@ -123,6 +125,7 @@ struct GridInfo {
   Matrix4 index_to_world;
   int64_t declared_bytes = 0;   // in the worker's memory, while it is read
   std::string value_unit = {};  // may be empty: unknown
+  bool on_request = false;      // only taken if asked for: a scalar of a grid of vectors
 };
 
 struct FieldStart {

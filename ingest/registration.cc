@@ -64,10 +64,10 @@ Box3 BoxOnLattice(const Box3& box, const Matrix4& index_to_world, const Matrix4&
     return to_lattice.TransformPoint(index_to_world.TransformPoint(index));
   };
   const Vec3 first = map({0, 0, 0});
-  const bool moved = IsNear(first, {std::round(first.x), std::round(first.y), std::round(first.z)}) &&
-                     IsNear(map({1, 0, 0}) - first, {1, 0, 0}) &&
-                     IsNear(map({0, 1, 0}) - first, {0, 1, 0}) &&
-                     IsNear(map({0, 0, 1}) - first, {0, 0, 1});
+  const bool moved =
+      IsNear(first, {std::round(first.x), std::round(first.y), std::round(first.z)}) &&
+      IsNear(map({1, 0, 0}) - first, {1, 0, 0}) && IsNear(map({0, 1, 0}) - first, {0, 1, 0}) &&
+      IsNear(map({0, 0, 1}) - first, {0, 0, 1});
   // A voxel reaches one further in every direction when it is interpolated.
   const double grown = moved ? 0 : 1;
   constexpr double kInfinite = std::numeric_limits<double>::infinity();

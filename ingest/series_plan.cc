@@ -7,10 +7,10 @@
 
 #include <absl/strings/str_join.h>
 
+#include "ingest/registration.h"
+
 namespace fovea::ingest {
 namespace {
-
-constexpr double kMatrixTolerance = 1e-6;
 
 std::string Show(const Vec3& v) {
   return fmt::format("({:.9g}, {:.9g}, {:.9g})", v.x, v.y, v.z);
@@ -20,39 +20,6 @@ std::string Show(const Vec3& v) {
 std::string Show(const Box3& box) {
   return fmt::format("({}, {}, {}) to ({}, {}, {})", box.lo.x, box.lo.y, box.lo.z, box.hi.x - 1,
                      box.hi.y - 1, box.hi.z - 1);
-}
-
-Vec3 Translation(const Matrix4& matrix) {
-  return matrix.TransformPoint({0, 0, 0});
-}
-
-/// What differs between two matrices beyond rounding, or nothing.
-std::string Difference(const Matrix4& a, const Matrix4& b) {
-  double scale = 0;
-  double reach = 0;
-  double linear = 0;
-  double shift = 0;
-  for (size_t i = 0; i < 12; ++i) {
-    const double difference = std::abs(a.m[i] - b.m[i]);
-    if (i % 4 == 3) {
-      reach = std::max(reach, std::abs(a.m[i]));
-      shift = std::max(shift, difference);
-    } else {
-      scale = std::max(scale, std::abs(a.m[i]));
-      linear = std::max(linear, difference);
-    }
-  }
-  if (linear > kMatrixTolerance * scale) {
-    const Vec3 sizes = a.Spacing() - b.Spacing();
-    const bool same_size = std::max({std::abs(sizes.x), std::abs(sizes.y), std::abs(sizes.z)}) <=
-                           kMatrixTolerance * scale;
-    return same_size ? "the directions of the axes differ"
-                     : fmt::format("voxel size {} and {}", Show(a.Spacing()), Show(b.Spacing()));
-  }
-  if (shift > kMatrixTolerance * std::max(scale, reach)) {
-    return fmt::format("origin {} and {}", Show(Translation(a)), Show(Translation(b)));
-  }
-  return {};
 }
 
 /// a * translate(offset).
@@ -100,7 +67,8 @@ Status DiffersError(const ScannedFile& file, const GridInfo& grid, const Witness
                     const std::string& difference) {
   return InvalidArgument(
       "{}: grid '{}' does not lie as grid '{}' of '{}': {}; a dataset has one transform (choose "
-      "grids that share it with --grid, or resample)",
+      "grids that share it with --grid, or say --registration index to keep voxels as they are "
+      "numbered, or --registration world to resample them)",
       file.file.path, Printable(grid.name), Printable(reference.grid->name),
       reference.file->file.path, difference);
 }
@@ -135,6 +103,9 @@ class Planner {
   Status Choose();
   Status ChooseForAppend();
   Status Align();
+  Status LeaveOutWhatLiesOtherwise();
+  Status Register(const ScannedFile& file, const GridInfo& grid);
+  [[nodiscard]] Box3 BoxOf(const GridInfo& grid) const;
   Status FindExtent();
   Status CheckExtentSize(const Box3& extent) const;
   Status Place();
@@ -153,6 +124,9 @@ class Planner {
   GridChoice choice_;
   bool is_dense_ = false;
   Witness reference_;
+  Matrix4 lattice_;  // where the voxels of all grids are to lie, from a voxel's centre
+  int64_t moved_grids_ = 0;
+  std::string first_move_;
   SeriesPlan plan_;
   std::vector<int64_t> empty_steps_;  // by field
 };
@@ -243,8 +217,7 @@ Status Planner::ChooseForAppend() {
   return absl::OkStatus();
 }
 
-/// All grids of all steps must share one transform. Where nothing was asked for, grids that lie
-/// otherwise from the start (such as those of a coarser simulation) are left out with a warning.
+/// All grids of all steps come to share one transform: that of the store, or of the reference.
 Status Planner::Align() {
   reference_ = Reference(choice_, files_);
   if (reference_.grid == nullptr) {
@@ -253,37 +226,82 @@ Status Planner::Align() {
     }
     return InvalidArgument("no step of the series has a voxel in any grid that was chosen");
   }
-  const bool may_leave_out = options_.grids.empty() && !is_dense_ && !existing_;
+  lattice_ = reference_.grid->index_to_world;
+  if (existing_ && options_.registration != Registration::kSame) {
+    const Int3& origin = existing_->info.origin;
+    lattice_ = Moved(existing_->info.index_to_world,
+                     {0.5 - static_cast<double>(origin.x), 0.5 - static_cast<double>(origin.y),
+                      0.5 - static_cast<double>(origin.z)});
+  }
+  if (options_.registration == Registration::kWorld) {
+    if (is_dense_) {
+      return InvalidArgument(
+          "--registration world resamples VDB grids only; resample these files, or say "
+          "--registration index");
+    }
+    plan_.lattice = lattice_;
+  }
+  FOVEA_RETURN_IF_ERROR(LeaveOutWhatLiesOtherwise());
+  for (const ScannedFile& file : files_) {
+    for (const ChosenGrid& chosen : choice_.grids) {
+      const GridInfo* grid = FindGrid(file, chosen.grid);
+      if (grid != nullptr && grid->problem.empty() && !grid->box.IsEmpty()) {
+        FOVEA_RETURN_IF_ERROR(Register(file, *grid));
+      }
+    }
+  }
+  if (moved_grids_ > 0) {
+    choice_.warnings.push_back(fmt::format(
+        "{} grids do not lie as the first, and {}: {}", moved_grids_,
+        plan_.lattice ? "were brought to its voxels" : "keep their voxels as they are numbered",
+        first_move_));
+  }
+  return absl::OkStatus();
+}
+
+/// Where nothing was asked for, grids that lie otherwise from the start (such as those of a coarser
+/// simulation) are left out with a warning.
+Status Planner::LeaveOutWhatLiesOtherwise() {
+  if (!options_.grids.empty() || is_dense_ || existing_ ||
+      options_.registration != Registration::kSame) {
+    return absl::OkStatus();
+  }
   std::vector<ChosenGrid> kept;
   for (const ChosenGrid& chosen : choice_.grids) {
     const Witness first = FirstWithVoxels(chosen.grid, files_);
     const std::string difference =
-        first.grid == nullptr
-            ? std::string()
-            : Difference(reference_.grid->index_to_world, first.grid->index_to_world);
-    if (difference.empty() || !may_leave_out) {
+        first.grid == nullptr ? std::string() : Difference(lattice_, first.grid->index_to_world);
+    if (difference.empty()) {
       kept.push_back(chosen);
     } else {
-      choice_.warnings.push_back(fmt::format("grid '{}' is left out: it does not lie as '{}' ({})",
-                                             Printable(chosen.grid),
-                                             Printable(reference_.grid->name), difference));
+      choice_.warnings.push_back(
+          fmt::format("grid '{}' is left out: it does not lie as '{}' ({}); --registration index "
+                      "or world would take it",
+                      Printable(chosen.grid), Printable(reference_.grid->name), difference));
     }
   }
   choice_.grids = std::move(kept);
-  for (const ScannedFile& file : files_) {
-    for (const ChosenGrid& chosen : choice_.grids) {
-      const GridInfo* grid = FindGrid(file, chosen.grid);
-      if (grid == nullptr || !grid->problem.empty() || grid->box.IsEmpty()) {
-        continue;
-      }
-      const std::string difference =
-          Difference(reference_.grid->index_to_world, grid->index_to_world);
-      if (!difference.empty()) {
-        return DiffersError(file, *grid, reference_, difference);
-      }
-    }
+  return absl::OkStatus();
+}
+
+/// What to do about a grid that may lie otherwise.
+Status Planner::Register(const ScannedFile& file, const GridInfo& grid) {
+  const std::string difference = Difference(lattice_, grid.index_to_world);
+  if (difference.empty()) {
+    return absl::OkStatus();
+  }
+  if (options_.registration == Registration::kSame) {
+    return DiffersError(file, grid, reference_, difference);
+  }
+  if (moved_grids_++ == 0) {
+    first_move_ = fmt::format("{} (first in '{}')", difference, file.file.path);
   }
   return absl::OkStatus();
+}
+
+/// The box of a grid's voxels where they are going to lie.
+Box3 Planner::BoxOf(const GridInfo& grid) const {
+  return plan_.lattice ? BoxOnLattice(grid.box, grid.index_to_world, *plan_.lattice) : grid.box;
 }
 
 Status Planner::FindExtent() {
@@ -307,15 +325,15 @@ Status Planner::FindExtent() {
       }
       plan_.declared_bytes = std::max(plan_.declared_bytes, grid->declared_bytes);
       if (existing_) {
-        if (!extent.Contains(grid->box)) {
+        if (!extent.Contains(BoxOf(*grid))) {
           return InvalidArgument(
               "{}: grid '{}' reaches from {}, outside the box of '{}', {}: a dataset keeps the "
               "extent of its first steps; ingest the whole series anew",
-              file.file.path, Printable(grid->name), Show(grid->box), options_.output,
+              file.file.path, Printable(grid->name), Show(BoxOf(*grid)), options_.output,
               Show(extent));
         }
       } else {
-        extent = Union(extent, grid->box);
+        extent = Union(extent, BoxOf(*grid));
         FOVEA_RETURN_IF_ERROR(
             Annotate(CheckExtentSize(extent),
                      fmt::format("{}: grid '{}'", file.file.path, Printable(grid->name))));
@@ -360,17 +378,19 @@ Status Planner::Place() {
     return absl::OkStatus();
   }
   const Int3& lo = plan_.extent.lo;
-  plan_.index_to_world = Moved(reference_.grid->index_to_world,
-                               {static_cast<double>(lo.x) - 0.5, static_cast<double>(lo.y) - 0.5,
-                                static_cast<double>(lo.z) - 0.5});
+  plan_.index_to_world =
+      Moved(lattice_, {static_cast<double>(lo.x) - 0.5, static_cast<double>(lo.y) - 0.5,
+                       static_cast<double>(lo.z) - 0.5});
   if (options_.spacing && is_dense_) {
     FOVEA_RETURN_IF_ERROR(SetSpacing(*options_.spacing));
   }
   if (existing_) {
     const std::string difference = Difference(existing_->info.index_to_world, plan_.index_to_world);
     if (!difference.empty()) {
-      return InvalidArgument("the new steps do not lie as those of '{}': {}", options_.output,
-                             difference);
+      return InvalidArgument(
+          "the new steps do not lie as those of '{}': {} (--registration index or world would take "
+          "them)",
+          options_.output, difference);
     }
   }
   return absl::OkStatus();

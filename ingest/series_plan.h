@@ -40,6 +40,8 @@ struct SeriesPlan {
   std::vector<std::vector<std::string>> file_sets;
   Box3 extent;             // in the files' index space
   Matrix4 index_to_world;  // our voxel coordinates, from extent.lo, to the world
+  /// Registration::kWorld: what all grids are brought to, from a voxel's centre in the extent.
+  std::optional<Matrix4> lattice;
   std::string world_unit;
   std::vector<PlannedStep> steps;
   int64_t declared_bytes = 0;  // the most that one grid needs in memory

@@ -213,8 +213,12 @@ Status StepReader::Read(const PlannedStep& step, Lane* lane) {
     }
     // All fields that come from the same place, in one request.
     const FieldSource& source = step.sources[first];
-    ReadRequest request{
-        plan_.file_sets[source.file_set], HintsOf(options_), source.step_in_file, plan_.extent, {}};
+    ReadRequest request{plan_.file_sets[source.file_set],
+                        HintsOf(options_),
+                        source.step_in_file,
+                        plan_.extent,
+                        {},
+                        plan_.lattice};
     std::vector<size_t> members;
     for (size_t i = first; i < step.sources.size(); ++i) {
       const FieldSource& other = step.sources[i];

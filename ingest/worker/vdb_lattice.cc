@@ -11,7 +11,6 @@
 namespace fovea::ingest {
 namespace {
 
-
 openvdb::math::Transform::Ptr TransformOf(const Matrix4& matrix) {
   openvdb::math::Mat4d transposed;
   for (int row = 0; row < 4; ++row) {

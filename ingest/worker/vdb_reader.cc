@@ -82,10 +82,11 @@ std::string NameOf(const openvdb::io::GridDescriptor& descriptor) {
 
 /// Of a grid whose type OpenVDB, as it is set up here, cannot read.
 std::string WhyUnreadable(const std::string& type) {
-  const bool points = type.find("ptdataidx") != std::string::npos ||
-                      type.find("ptidx") != std::string::npos;
-  return points ? "it holds points (particles), not voxels; make a density or level set of them first"
-                : fmt::format("type {} is not known", type);
+  const bool points =
+      type.find("ptdataidx") != std::string::npos || type.find("ptidx") != std::string::npos;
+  return points
+             ? "it holds points (particles), not voxels; make a density or level set of them first"
+             : fmt::format("type {} is not known", type);
 }
 
 GridInfo DescribeGrid(VdbArchive* archive, const openvdb::io::GridDescriptor& descriptor,
@@ -135,9 +136,10 @@ void Offer(GridInfo grid, std::vector<GridInfo>* offered) {
     return;
   }
   GridInfo vectors = grid;
-  vectors.problem = fmt::format("type {} is a vector; ask for its length with --grid "
-                                "{}.magnitude, or for a component with --grid {}.x",
-                                grid.type, grid.name, grid.name);
+  vectors.problem = fmt::format(
+      "type {} is a vector; ask for its length with --grid "
+      "{}.magnitude, or for a component with --grid {}.x",
+      grid.type, grid.name, grid.name);
   offered->push_back(std::move(vectors));
   for (const std::string_view part : kVectorPartNames) {
     GridInfo scalar = grid;

@@ -5,8 +5,7 @@
 namespace fovea::ingest {
 namespace {
 
-using VectorGrids =
-    openvdb::TypeList<openvdb::Vec3SGrid, openvdb::Vec3DGrid, openvdb::Vec3IGrid>;
+using VectorGrids = openvdb::TypeList<openvdb::Vec3SGrid, openvdb::Vec3DGrid, openvdb::Vec3IGrid>;
 
 float PartOf(const openvdb::Vec3d& vector, VectorPart part) {
   // Of doubles: the squares of large floats overflow.
@@ -35,7 +34,7 @@ openvdb::FloatGrid::Ptr Scalars(const VectorGrid& grid, VectorPart part) {
   for (auto value = grid.cbeginValueOn(); value; ++value) {
     if (!value.isVoxelValue()) {
       out.addTile(value.getLevel(), value.getBoundingBox().min(),
-                              PartOf(openvdb::Vec3d(*value), part), /*active=*/true);
+                  PartOf(openvdb::Vec3d(*value), part), /*active=*/true);
       continue;
     }
     const openvdb::Coord at = value.getCoord();

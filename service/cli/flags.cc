@@ -158,6 +158,16 @@ StatusOr<ingest::OnMissing> ParseOnMissing(const std::string& text) {
   return InvalidArgument("'{}' is not error, skip or hold", text);
 }
 
+StatusOr<ingest::Registration> ParseRegistration(const std::string& text) {
+  if (text == "index") {
+    return ingest::Registration::kIndex;
+  }
+  if (text == "world") {
+    return ingest::Registration::kWorld;
+  }
+  return InvalidArgument("'{}' is neither index nor world", text);
+}
+
 }  // namespace
 
 void AddOutputFlags(CLI::App* app, OutputOptions* output) {
@@ -295,6 +305,10 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
   AddParsed(app, "--on-missing", "WHAT", ParseOnMissing, Into(&ingest->on_missing),
             "A missing file or grid is an error, skip or hold: stop, leave it out, or show the "
             "step before (default error)")
+      ->group(kForeignGroup);
+  AddParsed(app, "--registration", "HOW", ParseRegistration, Into(&ingest->registration),
+            "VDB grids or steps whose transforms differ: index (voxel i stays voxel i) or world "
+            "(moved or resampled to where the first lie); without it they are an error")
       ->group(kForeignGroup);
   app->add_option("--worker-memory", ingest->worker.memory_bytes,
                   "Limit of the process that reads foreign files (default: by their size)")

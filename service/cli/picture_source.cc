@@ -145,7 +145,8 @@ StatusOr<std::string> CacheFolder(const std::string& given) {
 StatusOr<std::string> CacheName(const ingest::IngestOptions& options) {
   FOVEA_ASSIGN_OR_RETURN(const auto files,
                          ingest::ResolveInputs(options.inputs, options.on_missing));
-  std::string key = fmt::format("1 {} {}", static_cast<int>(options.on_missing), options.field);
+  std::string key = fmt::format("1 {} {} {}", static_cast<int>(options.on_missing),
+                                static_cast<int>(options.registration), options.field);
   for (const std::string& grid : options.grids) {
     key += fmt::format("\ngrid {}", grid);
   }

@@ -1,6 +1,6 @@
-// Ingest of a sparse VDB against the same voxels packed together: cost must follow active voxels, not
-// the box that they lie in. A million voxels in cubes of some edge, scattered through EXTENT^3 or
-// side by side; `fovea ingest` as a process, runs taking turns.
+// Ingest of a sparse VDB against the same voxels packed together: cost must follow active voxels,
+// not the box that they lie in. A million voxels in cubes of some edge, scattered through EXTENT^3
+// or side by side; `fovea ingest` as a process, runs taking turns.
 //   sparse_bench [--extent 4096] [--voxels 1000000] [--rounds 5] [--folder DIR]
 
 #include <sys/resource.h>
@@ -141,8 +141,9 @@ int Main(int argc, char** argv) {
   std::printf("%lld active voxels in cubes, packed or scattered in %lld^3; least of %lld rounds\n",
               static_cast<long long>(settings.voxels), static_cast<long long>(settings.extent),
               static_cast<long long>(settings.rounds));
-  std::printf("| edge | packed s | scattered s | ratio | packed cpu s | scattered cpu s | ratio | "
-              "packed MB | scattered MB | ratio |\n");
+  std::printf(
+      "| edge | packed s | scattered s | ratio | packed cpu s | scattered cpu s | ratio | "
+      "packed MB | scattered MB | ratio |\n");
   for (const int64_t edge : {64, 32, 16, 8}) {
     Compare(settings, *program, edge);
   }

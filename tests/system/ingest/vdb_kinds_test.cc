@@ -208,11 +208,11 @@ TEST_F(VdbKindsTest, RegistrationByWorldResamplesOtherVoxelSizes) {
   int compared = 0;
   for (int64_t x = 0; x < info.hierarchy.dims().x; ++x) {
     const Int3 middle{x, info.hierarchy.dims().y / 2, info.hierarchy.dims().z / 2};
-    const double world = info.index_to_world
-                             .TransformPoint({static_cast<double>(x) + 0.5,
-                                              static_cast<double>(middle.y) + 0.5,
-                                              static_cast<double>(middle.z) + 0.5})
-                             .x;
+    const double world =
+        info.index_to_world
+            .TransformPoint({static_cast<double>(x) + 0.5, static_cast<double>(middle.y) + 0.5,
+                             static_cast<double>(middle.z) + 0.5})
+            .x;
     if (world >= 0 && world <= 7) {
       EXPECT_NEAR(second.At(x, middle.y, middle.z), world, 1e-5) << x;
       ++compared;

@@ -212,10 +212,8 @@ TEST_F(VdbTest, GridsThatAreNotScalarAreLeftOutOrRefusedByName) {
                            {.name = "spray", .type = "points"},
                            {.name = "camera", .voxels = {{{0, 0, 0}, 1}}, .frustum = true}});
   IngestOptions options = Options({"a.vdb"});
-  options.grids = {"velocity"};
-  EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kInvalidArgument, "vec3s"));
   options.grids = {"spray"};
-  EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kInvalidArgument, "ptdataidx32"));
+  EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kInvalidArgument, "particles"));
   options.grids = {"camera"};
   EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kInvalidArgument, "not linear"));
   options.grids = {"nothing"};
