@@ -80,13 +80,13 @@ std::string NameOf(const openvdb::io::GridDescriptor& descriptor) {
   return openvdb::io::GridDescriptor::nameAsString(descriptor.uniqueName());
 }
 
-/// Of a grid whose type OpenVDB, as it is set up here, cannot read.
-std::string WhyUnreadable(const std::string& type) {
+/// Why a grid of this type, which is neither of scalars nor of vectors, cannot be read.
+std::string WhyUnreadable(const std::string& type, const char* otherwise) {
   const bool points =
       type.find("ptdataidx") != std::string::npos || type.find("ptidx") != std::string::npos;
   return points
              ? "it holds points (particles), not voxels; make a density or level set of them first"
-             : fmt::format("type {} is not known", type);
+             : fmt::format("type {} is not {}", type, otherwise);
 }
 
 GridInfo DescribeGrid(VdbArchive* archive, const openvdb::io::GridDescriptor& descriptor,
@@ -95,13 +95,13 @@ GridInfo DescribeGrid(VdbArchive* archive, const openvdb::io::GridDescriptor& de
   about.name = NameOf(descriptor);
   about.type = descriptor.gridType();
   if (!openvdb::GridBase::isRegistered(descriptor.gridType())) {
-    about.problem = WhyUnreadable(descriptor.gridType());
+    about.problem = WhyUnreadable(descriptor.gridType(), "known");
     return about;
   }
   const openvdb::GridBase::Ptr grid = archive->ReadMetadata(descriptor);
   about.type = grid->valueType();
   if (!IsScalar(*grid) && !IsVector(*grid)) {
-    about.problem = fmt::format("type {} is not a scalar", about.type);
+    about.problem = WhyUnreadable(about.type, "a scalar");
     return about;
   }
   if (!grid->transform().isLinear()) {
