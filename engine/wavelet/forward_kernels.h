@@ -18,6 +18,9 @@ namespace fovea::wavelet::internal {
   return wavelet == Wavelet::kHaar ? 0 : wavelet == Wavelet::kCdf53 ? 1 : 2;
 }
 
+/// The most values of a vector; rows in memory are padded to whole ones.
+inline constexpr int64_t kLanes = 16;
+
 /// How many bricks, neighbours along x, are transformed at once at most: wide enough for whole
 /// cache lines of the source, narrow enough for the second-level cache.
 template <typename Value>
