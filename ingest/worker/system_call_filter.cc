@@ -63,14 +63,11 @@ constexpr long kAllowed[] = {
     SYS_shutdown,
     SYS_ppoll,
     SYS_pselect6,
-    // Memory, also such as is shared with the program.
+    // Memory.
     SYS_munmap,
     SYS_mremap,
     SYS_madvise,
     SYS_brk,
-    SYS_memfd_create,
-    SYS_ftruncate,
-    SYS_fallocate,
     // Threads.
     SYS_futex,
     SYS_futex_waitv,

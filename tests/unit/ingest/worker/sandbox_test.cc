@@ -253,6 +253,8 @@ TEST_F(SandboxTest, ReachesNothingElseOfTheKernel) {
       {"openat2", SYS_openat2},
       {"open_by_handle_at", SYS_open_by_handle_at},
       {"chroot", SYS_chroot},
+      {"memfd_create", SYS_memfd_create},
+      {"ftruncate", SYS_ftruncate},
       {"setuid", SYS_setuid},
       {"seccomp", SYS_seccomp},
       {"personality", SYS_personality},
