@@ -19,6 +19,9 @@ namespace fovea::ingest {
 namespace {
 
 namespace fs = std::filesystem;
+/// Steps that are done within this are committed together.
+constexpr double kPublishMs = 100;
+
 using ProgressCallback = std::function<bool(const IngestProgress&)>;
 
 Status CheckOptions(const IngestOptions& options) {
@@ -94,6 +97,7 @@ class Run {
   Status WriteSparse(const PlannedStep& step, SparseField sparse);
   void CountOdd(const PlannedStep& step, size_t field, uint64_t nonfinite, uint64_t rounded);
   Status CreateStore();
+  Status PublishSteps();
   [[nodiscard]] bool GoOn(int64_t done, int64_t total, const std::string& now) const {
     return progress_ == nullptr || progress_({done, total, now});
   }
@@ -106,6 +110,8 @@ class Run {
   std::string stored_type_ = "float32";
   std::unique_ptr<store::DatasetWriter> writer_;
   bool made_store_ = false;
+  Stopwatch since_published_;
+  int64_t published_steps_ = 0;
   bool metadata_was_wrong_ = false;
   IngestReport report_;
   std::vector<Tally> nonfinite_, rounded_;  // by field
@@ -113,7 +119,11 @@ class Run {
 
 Status Run::Execute(bool from_voxels) {
   FOVEA_RETURN_IF_ERROR(Plan(from_voxels));
-  const Status status = WriteSteps(from_voxels);
+  Status status = WriteSteps(from_voxels);
+  if (writer_ != nullptr && !metadata_was_wrong_) {  // what is done stays, whatever happened
+    const Status published = PublishSteps();
+    status = status.ok() ? published : status;
+  }
   if (status.ok() || metadata_was_wrong_) {
     return status;
   }
@@ -256,10 +266,22 @@ Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
     report_.transform_ms += watch.ElapsedMs();
   }
   const Stopwatch watch;
-  FOVEA_RETURN_IF_ERROR(writer_->Commit(step.time_ns, step.frame_number));
-  report_.write_ms += watch.ElapsedMs();
+  FOVEA_RETURN_IF_ERROR(writer_->EndStep(step.time_ns, step.frame_number));
   ++report_.steps;
-  return absl::OkStatus();
+  report_.write_ms += watch.ElapsedMs();
+  return since_published_.ElapsedMs() < kPublishMs ? absl::OkStatus() : PublishSteps();
+}
+
+/// A commit costs much the same for one step as for many: fast ones go together.
+Status Run::PublishSteps() {
+  const Stopwatch watch;
+  const int64_t before = writer_->info().committed_steps;
+  const Status status = writer_->Publish();
+  published_steps_ += writer_->info().committed_steps - before;
+  report_.steps = published_steps_;
+  report_.write_ms += watch.ElapsedMs();
+  since_published_.RestartMs();
+  return status;
 }
 
 StatusOr<std::unique_ptr<FieldStream>> Run::StartField(size_t field, float background) {

@@ -105,6 +105,9 @@ class Writer final : public DatasetWriter {
         lock_(std::move(lock)),
         arrays_(AllArrays(info_)),
         series_(std::move(series)),
+        next_(info_),
+        published_series_(series_),
+        ended_(files),
         batch_(files) {}
 
   [[nodiscard]] const DatasetInfo& info() const override { return info_; }
@@ -112,27 +115,34 @@ class Writer final : public DatasetWriter {
       const std::string& field) override;
   [[nodiscard]] Status WriteField(const std::string& field, const CoefficientSet& coefficients,
                                   const FieldStats& stats) override;
-  [[nodiscard]] Status Commit(int64_t time_ns, std::optional<int64_t> frame_number) override;
+  [[nodiscard]] Status EndStep(int64_t time_ns, std::optional<int64_t> frame_number) override;
+  [[nodiscard]] Status Publish() override;
 
  private:
-  [[nodiscard]] Status CheckCoefficients(const std::string& field,
-                                         const CoefficientSet& coefficients) const;
   [[nodiscard]] Status CheckCommit(int64_t time_ns, std::optional<int64_t> frame_number) const;
   void SetRows(int64_t time_ns, std::optional<int64_t> frame_number);
-  [[nodiscard]] Status WriteAllSeries();
+  /// Writes the chunks of the small arrays that hold the row of `step`: those that it fills, or
+  /// those that it does not.
+  [[nodiscard]] Status WriteAllSeries(int64_t step, bool full_ones);
+  [[nodiscard]] Status EndStepFiles(int64_t time_ns, std::optional<int64_t> frame_number);
   /// Brings everything that the commit will need to the disk, under temporary names.
-  [[nodiscard]] Status PrepareCommit(const DatasetInfo& info);
-  [[nodiscard]] DatasetInfo InfoAfterCommit() const;
+  [[nodiscard]] Status PrepareCommit();
+  [[nodiscard]] DatasetInfo InfoAfterStep() const;
   [[nodiscard]] Status CheckUsable() const;
   void DropStep();
+  void DropEnded();
 
   std::string path_;
   DatasetInfo info_;
   WriterLock lock_;
   std::vector<ArraySpec> arrays_;
-  Series series_;
-  // The step in hand.
   EncoderPool encoders_;
+  Series series_;
+  // The steps that were ended: next_ is what info_ will be.
+  DatasetInfo next_;
+  Series published_series_;
+  FileBatch ended_;
+  // The step in hand.
   FileBatch batch_;
   std::map<std::string, FieldStats> written_;
   bool broken_ = false;  // a commit failed halfway: what is on disk is not what we hold
@@ -151,6 +161,13 @@ void Writer::DropStep() {
   written_.clear();
 }
 
+void Writer::DropEnded() {
+  DropStep();
+  ended_.Discard();
+  next_ = info_;
+  series_ = published_series_;
+}
+
 StatusOr<std::unique_ptr<FieldWriter>> Writer::BeginField(const std::string& field) {
   FOVEA_RETURN_IF_ERROR(CheckUsable());
   const auto is_field = [&](const FieldInfo& known) { return known.name == field; };
@@ -160,7 +177,7 @@ StatusOr<std::unique_ptr<FieldWriter>> Writer::BeginField(const std::string& fie
   if (written_.contains(field)) {
     return FailedPrecondition("field '{}' of this step was written already", field);
   }
-  return std::make_unique<FieldWriter>(path_, info_, field, &encoders_, &batch_,
+  return std::make_unique<FieldWriter>(path_, next_, field, &encoders_, &batch_,
                                        [this, field](const FieldStats* stats) {
                                          if (stats == nullptr) {
                                            DropStep();
@@ -170,47 +187,19 @@ StatusOr<std::unique_ptr<FieldWriter>> Writer::BeginField(const std::string& fie
                                        });
 }
 
-Status Writer::CheckCoefficients(const std::string& field,
-                                 const CoefficientSet& coefficients) const {
-  const Hierarchy& hierarchy = info_.hierarchy;
-  bool fits =
-      coefficients.hierarchy == hierarchy && std::ssize(coefficients.detail) == hierarchy.finest();
-  for (int level = 0; fits && level < hierarchy.finest(); ++level) {
-    const BrickGrid& detail = coefficients.detail[static_cast<size_t>(level)];
-    fits = detail.dims() == hierarchy.DimsAt(level) && detail.edge() == info_.chunk_edge &&
-           detail.channels() == kSubBands && detail.background() == 0;
-  }
-  if (!fits) {
-    return InvalidArgument(
-        "the coefficients of field '{}' are not of {} x {} x {} voxels in bricks of {}", field,
-        hierarchy.dims().x, hierarchy.dims().y, hierarchy.dims().z, info_.chunk_edge);
-  }
-  const Basis& basis = coefficients.basis;
-  if (WaveletName(basis.wavelet) != info_.wavelet) {
-    return InvalidArgument(
-        "the coefficients of field '{}' are of the wavelet {}, the store's of {}", field,
-        WaveletName(basis.wavelet), info_.wavelet);
-  }
-  if (basis.integer != BasisOf(info_, info_.FieldOf(field)).integer) {
-    return InvalidArgument("the coefficients of field '{}' are {}, the store's {}", field,
-                           basis.integer ? "integers" : "floats", info_.TypeOf(field));
-  }
-  return absl::OkStatus();
-}
-
 Status Writer::WriteField(const std::string& field, const CoefficientSet& coefficients,
                           const FieldStats& stats) {
   auto writer = BeginField(field);
   Status status = writer.status();
   if (status.ok()) {
-    status = CheckCoefficients(field, coefficients);
+    status = CheckCoefficients(info_, field, coefficients);
   }
   if (status.ok()) {
     status = AddAllDetail(coefficients, writer->get());
   }
   if (!status.ok()) {
     DropStep();
-    return Annotate(status, fmt::format("field '{}' of step {}", field, info_.committed_steps));
+    return Annotate(status, fmt::format("field '{}' of step {}", field, next_.committed_steps));
   }
   return (*writer)->Finish(coefficients.coarse, stats);
 }
@@ -220,24 +209,24 @@ Status Writer::CheckCommit(int64_t time_ns, std::optional<int64_t> frame_number)
   for (const FieldInfo& field : info_.fields) {
     if (!written_.contains(field.name)) {
       return FailedPrecondition("field '{}' of step {} has not been written", field.name,
-                                info_.committed_steps);
+                                next_.committed_steps);
     }
   }
   if (time_ns < series_.last_time_ns) {
     return InvalidArgument("step {} at {} ns would be before the last step, at {} ns",
-                           info_.committed_steps, time_ns, series_.last_time_ns);
+                           next_.committed_steps, time_ns, series_.last_time_ns);
   }
   if (frame_number == kNoFrameNumber) {
     return InvalidArgument("frame number {} stands for no number", kNoFrameNumber);
   }
-  if (info_.committed_steps >= kMaxSteps) {
+  if (next_.committed_steps >= kMaxSteps) {
     return ResourceExhausted("{} is full: it has {} steps", path_, kMaxSteps);
   }
   return absl::OkStatus();
 }
 
 void Writer::SetRows(int64_t time_ns, std::optional<int64_t> frame_number) {
-  const int64_t step = info_.committed_steps;
+  const int64_t step = next_.committed_steps;
   ClearFrom<int64_t>(step, 0, &series_.time);
   ClearFrom(step, kNoFrameNumber, &series_.frame_number);
   series_.time.Row(step)[0] = time_ns;
@@ -252,22 +241,23 @@ void Writer::SetRows(int64_t time_ns, std::optional<int64_t> frame_number) {
   }
 }
 
-Status Writer::WriteAllSeries() {
-  const int64_t step = info_.committed_steps;
-  FOVEA_RETURN_IF_ERROR(
-      WriteSeries(path_, std::string(kTimePath), step, false, &series_.time, &batch_));
-  FOVEA_RETURN_IF_ERROR(WriteSeries(path_, std::string(kFrameNumberPath), step, false,
-                                    &series_.frame_number, &batch_));
+Status Writer::WriteAllSeries(int64_t step, bool full_ones) {
+  const auto write = [&](const std::string& array, bool has_rows, auto* chunk) -> Status {
+    const bool is_full = (step + 1) % chunk->steps == 0;
+    return is_full == full_ones ? WriteSeries(path_, array, step, has_rows, chunk, &batch_)
+                                : absl::OkStatus();
+  };
+  FOVEA_RETURN_IF_ERROR(write(std::string(kTimePath), false, &series_.time));
+  FOVEA_RETURN_IF_ERROR(write(std::string(kFrameNumberPath), false, &series_.frame_number));
   for (auto& [name, rows] : series_.fields) {
-    FOVEA_RETURN_IF_ERROR(WriteSeries(path_, StatsPath(name), step, true, &rows.stats, &batch_));
-    FOVEA_RETURN_IF_ERROR(
-        WriteSeries(path_, HistogramPath(name), step, true, &rows.histogram, &batch_));
+    FOVEA_RETURN_IF_ERROR(write(StatsPath(name), true, &rows.stats));
+    FOVEA_RETURN_IF_ERROR(write(HistogramPath(name), true, &rows.histogram));
   }
   return absl::OkStatus();
 }
 
-DatasetInfo Writer::InfoAfterCommit() const {
-  DatasetInfo info = info_;
+DatasetInfo Writer::InfoAfterStep() const {
+  DatasetInfo info = next_;
   for (FieldInfo& field : info.fields) {
     const FieldStats& stats = written_.at(field.name);
     const bool first = info.committed_steps == 0;
@@ -288,31 +278,55 @@ Status WriteMetadata(const std::string& path, const DatasetInfo& info,
   return WriteText(MetadataPath(path), group, batch);
 }
 
-Status Writer::PrepareCommit(const DatasetInfo& info) {
-  FOVEA_RETURN_IF_ERROR(WriteAllSeries());
-  FOVEA_RETURN_IF_ERROR(WriteMetadata(path_, info, arrays_, &batch_));
-  return batch_.Flush();
+Status Writer::PrepareCommit() {
+  FOVEA_RETURN_IF_ERROR(WriteAllSeries(next_.committed_steps - 1, /*full_ones=*/false));
+  FOVEA_RETURN_IF_ERROR(WriteMetadata(path_, next_, arrays_, &batch_));
+  ended_.Absorb(&batch_);
+  return ended_.Flush();
 }
 
-Status Writer::Commit(int64_t time_ns, std::optional<int64_t> frame_number) {
-  Status status = CheckCommit(time_ns, frame_number);
-  DatasetInfo info;
-  if (status.ok()) {
-    info = InfoAfterCommit();
-    SetRows(time_ns, frame_number);
-    status = PrepareCommit(info);
+Status Writer::EndStepFiles(int64_t time_ns, std::optional<int64_t> frame_number) {
+  FOVEA_RETURN_IF_ERROR(CheckCommit(time_ns, frame_number));
+  SetRows(time_ns, frame_number);
+  // The next row begins other chunks.
+  return WriteAllSeries(next_.committed_steps, /*full_ones=*/true);
+}
+
+Status Writer::EndStep(int64_t time_ns, std::optional<int64_t> frame_number) {
+  if (const Status status = EndStepFiles(time_ns, frame_number); !status.ok()) {
+    DropStep();
+    return Annotate(status, fmt::format("step {} was not committed", next_.committed_steps));
   }
-  if (status.ok()) {
-    status = batch_.Publish();
-    broken_ = !status.ok();
+  next_ = InfoAfterStep();
+  series_.last_time_ns = time_ns;
+  ended_.Absorb(&batch_);
+  written_.clear();
+  const bool is_enough = next_.committed_steps - info_.committed_steps >= kMostStepsAtOnce;
+  return is_enough ? Publish() : absl::OkStatus();
+}
+
+Status Writer::Publish() {
+  FOVEA_RETURN_IF_ERROR(CheckUsable());
+  if (next_.committed_steps == info_.committed_steps) {
+    return absl::OkStatus();
   }
   DropStep();
+  Status status = PrepareCommit();
+  if (status.ok()) {
+    status = ended_.Publish();
+    broken_ = !status.ok();
+  }
   if (!status.ok()) {
     const std::string_view how = broken_ ? "may not have been" : "was not";
-    return Annotate(status, fmt::format("step {} {} committed", info_.committed_steps, how));
+    const int64_t first = info_.committed_steps;
+    const int64_t last = next_.committed_steps - 1;
+    DropEnded();
+    return Annotate(status, first == last
+                                ? fmt::format("step {} {} committed", first, how)
+                                : fmt::format("steps {} to {}: {} committed", first, last, how));
   }
-  info_ = std::move(info);
-  series_.last_time_ns = time_ns;
+  info_ = next_;
+  published_series_ = series_;
   return absl::OkStatus();
 }
 

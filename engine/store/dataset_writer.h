@@ -15,9 +15,9 @@
 
 namespace fovea::store {
 
-/// Appends time steps to a store, one commit a step. One writer at a time: the lock says who holds
-/// it (host, process, since when) and goes with its process. A writer that was killed loses at
-/// most the step in hand; the next one sweeps up behind it. Not thread-safe.
+/// Appends time steps to a store, one or several a commit. One writer at a time: the lock says who
+/// holds it (host, process, since when) and goes with its process. A writer that was killed loses
+/// the step in hand and what was not published; the next one sweeps up behind it. Not thread-safe.
 ///
 /// Commit order: shards written and flushed, arrays' `t` extended (each zarr.json replaced
 /// atomically), last the group's zarr.json with the new committed_steps.
@@ -34,8 +34,8 @@ class DatasetWriter {
   virtual ~DatasetWriter() = default;
 
   [[nodiscard]] virtual const DatasetInfo& info() const = 0;
-  /// Begins one field of the step in hand (index committed_steps), to be written in layers. Every
-  /// field once before Commit, one at a time. NOT_FOUND if there is no such field.
+  /// Begins one field of the step in hand (behind all that were ended), to be written in layers.
+  /// Every field once before Commit, one at a time. NOT_FOUND if there is no such field.
   [[nodiscard]] virtual StatusOr<std::unique_ptr<FieldWriter>> BeginField(
       const std::string& field) = 0;
   /// The same with coefficients that are all in memory. INVALID_ARGUMENT if the coefficients are
@@ -44,11 +44,20 @@ class DatasetWriter {
   [[nodiscard]] virtual Status WriteField(const std::string& field,
                                           const CoefficientSet& coefficients,
                                           const FieldStats& stats) = 0;
-  /// Makes the step in hand visible. `time_ns` must not be less than the last step's.
+  /// Ends the step in hand; it becomes visible with the next Commit of one behind it, or Publish,
+  /// and is lost if the process dies before. Many small steps are far cheaper to publish together.
+  /// After kMostStepsAtOnce (layout.h) of them it publishes by itself. Errors as of Commit.
+  [[nodiscard]] virtual Status EndStep(int64_t time_ns, std::optional<int64_t> frame_number) = 0;
+  /// Makes the steps that were ended visible, all at once. An error takes all of them.
+  [[nodiscard]] virtual Status Publish() = 0;
+  /// Both: makes the step in hand visible. `time_ns` must not be less than the last step's.
   /// RESOURCE_EXHAUSTED when the disk is full, and the store stays as it was. If the message says
   /// that the step may not have been committed, the disk failed between the first rename and the
   /// last flush: open the store again to know, and to go on.
-  [[nodiscard]] virtual Status Commit(int64_t time_ns, std::optional<int64_t> frame_number) = 0;
+  [[nodiscard]] Status Commit(int64_t time_ns, std::optional<int64_t> frame_number) {
+    FOVEA_RETURN_IF_ERROR(EndStep(time_ns, frame_number));
+    return Publish();
+  }
 };
 
 }  // namespace fovea::store

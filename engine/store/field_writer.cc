@@ -140,6 +140,34 @@ Status FieldWriter::WriteCoarse(const Grid& coarse) {
   return batch_->Write(fmt::format("{}/{}/{}", store_path_, CoarsePath(field_), name), encoded);
 }
 
+Status CheckCoefficients(const DatasetInfo& info, const std::string& field,
+                         const CoefficientSet& coefficients) {
+  const Hierarchy& hierarchy = info.hierarchy;
+  bool fits =
+      coefficients.hierarchy == hierarchy && std::ssize(coefficients.detail) == hierarchy.finest();
+  for (int level = 0; fits && level < hierarchy.finest(); ++level) {
+    const BrickGrid& detail = coefficients.detail[static_cast<size_t>(level)];
+    fits = detail.dims() == hierarchy.DimsAt(level) && detail.edge() == info.chunk_edge &&
+           detail.channels() == kSubBands && detail.background() == 0;
+  }
+  if (!fits) {
+    return InvalidArgument(
+        "the coefficients of field '{}' are not of {} x {} x {} voxels in bricks of {}", field,
+        hierarchy.dims().x, hierarchy.dims().y, hierarchy.dims().z, info.chunk_edge);
+  }
+  const Basis& basis = coefficients.basis;
+  if (WaveletName(basis.wavelet) != info.wavelet) {
+    return InvalidArgument(
+        "the coefficients of field '{}' are of the wavelet {}, the store's of {}", field,
+        WaveletName(basis.wavelet), info.wavelet);
+  }
+  if (basis.integer != BasisOf(info, info.FieldOf(field)).integer) {
+    return InvalidArgument("the coefficients of field '{}' are {}, the store's {}", field,
+                           basis.integer ? "integers" : "floats", info.TypeOf(field));
+  }
+  return absl::OkStatus();
+}
+
 Status AddAllDetail(const CoefficientSet& set, FieldWriter* writer) {
   for (int level = 0; level < std::ssize(set.detail); ++level) {
     const BrickGrid& detail = set.detail[static_cast<size_t>(level)];

@@ -60,6 +60,10 @@ class FieldWriter {
   std::vector<std::unique_ptr<LevelWriter>> levels_;
 };
 
+/// INVALID_ARGUMENT unless coefficients are of the store's dimensions, chunk edge, wavelet and, for
+/// this field, type.
+[[nodiscard]] Status CheckCoefficients(const DatasetInfo& info, const std::string& field,
+                                       const CoefficientSet& coefficients);
 /// Writes coefficients that are in memory, all detail of a field: what DatasetWriter::WriteField
 /// does. `set` must fit the store.
 [[nodiscard]] Status AddAllDetail(const CoefficientSet& set, FieldWriter* writer);

@@ -211,6 +211,11 @@ Status FileBatch::Write(const std::string& path, std::span<const std::byte> byte
   return file.Append(bytes);
 }
 
+void FileBatch::Absorb(FileBatch* other) {
+  paths_.insert(paths_.end(), other->paths_.begin(), other->paths_.end());
+  other->paths_.clear();
+}
+
 Status FileBatch::Flush() {
   // Writing is started for all of them first: the file system then commits most of them with the
   // first flush, and the others cost little.

@@ -110,6 +110,8 @@ class FileBatch {
   /// Adds `path` and opens its temporary file.
   [[nodiscard]] StatusOr<WritableFile> Start(const std::string& path);
   [[nodiscard]] Status Write(const std::string& path, std::span<const std::byte> bytes);
+  /// Takes the files of another batch over, behind its own.
+  void Absorb(FileBatch* other);
   [[nodiscard]] Status Flush();
   /// Renames in the order of adding. The last file is the commit: it is renamed once the
   /// directories of all others are flushed, and then its own is.

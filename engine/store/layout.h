@@ -24,6 +24,8 @@ inline constexpr int64_t kShardChunks = 8;
 /// chunk of each, so they are small; opening a long series reads few of them.
 inline constexpr int64_t kSeriesSteps = 1024;
 inline constexpr int64_t kHistogramSteps = 16;
+/// Steps that become visible together, at most.
+inline constexpr int64_t kMostStepsAtOnce = 64;
 /// Entries on each axis of a chunk of chunk_max_W, at most.
 inline constexpr int64_t kTableEdge = 32;
 

@@ -100,10 +100,10 @@ void Verifier::CheckMetadata() {
   if (absl::IsDataLoss(copy)) {  // older stores have none
     Note(copy, "");
   }
-  // A writer may be at work: it may have committed since, and be one step ahead of its commit.
+  // A writer may be at work: it may have committed since, and be some steps ahead of its commit.
   const StatusOr<DatasetInfo> now = ReadGroup(files_, path_);
   Note(now.status(), "");
-  const int64_t most = now.ok() ? now->committed_steps + 1 : kMaxSteps;
+  const int64_t most = now.ok() ? now->committed_steps + kMostStepsAtOnce : kMaxSteps;
   for (const auto& [array, steps] : lengths) {
     if (steps < info_.committed_steps || steps > most) {
       Problem(fmt::format("{}/{} has {} steps, the store {}", path_, array, steps,

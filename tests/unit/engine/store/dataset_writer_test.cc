@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <cerrno>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -11,6 +12,7 @@
 
 #include "engine/store/file.h"
 #include "engine/store/verify.h"
+#include "tests/support/simulated_disk.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/engine/store/store_test_util.h"
 
@@ -19,6 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::fovea::testing::FailsWith;
+using ::fovea::testing::SimulatedDisk;
 using testing::MakeInfo;
 using testing::MakeStep;
 using testing::StepData;
@@ -222,6 +225,62 @@ TEST(DatasetWriter, RefusesCoefficientsThatDoNotFit) {
   ASSERT_OK(writer->WriteField("b", good.coefficients, good.stats));
   EXPECT_THAT(writer->Commit(999'999'999, 1), FailsWith(kInvalid, "before the last step"));
   ExpectSound(path, 2);
+}
+
+TEST(DatasetWriter, StepsThatEndTogetherAreThereTogether) {
+  SimulatedDisk one_by_one, together;
+  const DatasetInfo info = MakeInfo({9, 8, 7}, 8);
+  ASSERT_OK(testing::MakeStore("s", info, 40, one_by_one));
+  ASSERT_OK_AND_ASSIGN(auto writer, DatasetWriter::Create("s", info, together));
+  for (int64_t step = 0; step < 40; ++step) {
+    const StepData data = MakeStep({9, 8, 7}, 8, static_cast<int>(step));
+    ASSERT_OK(writer->WriteField("density", data.coefficients, data.stats));
+    const auto frame_number = step % 2 == 0 ? std::optional(100 + step) : std::nullopt;
+    ASSERT_OK(writer->EndStep(step * 1'000'000'000, frame_number));
+    if (step == 6) {
+      EXPECT_EQ(writer->info().committed_steps, 0);
+      EXPECT_THAT(writer->WriteField("density", MakeStep({9, 9, 9}, 8, 0).coefficients, data.stats),
+                  FailsWith(kInvalid, "of step 7"));  // and the seven before it stay
+      ASSERT_OK(writer->Publish());
+      EXPECT_EQ(writer->info().committed_steps, 7);
+    }
+  }
+  ASSERT_OK(writer->Publish());
+  writer.reset();  // and with it what it says in the lock
+  EXPECT_TRUE(one_by_one.Files() == together.Files());
+}
+
+TEST(DatasetWriter, StepsThatCannotBePublishedAreAllGoneAndCanBeMadeAgain) {
+  SimulatedDisk disk;
+  const DatasetInfo info = MakeInfo({9, 8, 7}, 8);
+  ASSERT_OK(testing::MakeStore("s", info, 14, disk));
+  const auto before = disk.Files();
+  ASSERT_OK_AND_ASSIGN(const auto writer, DatasetWriter::Append("s", disk));
+  const auto end_five = [&]() -> Status {  // across the end of a chunk of histogram
+    for (int64_t step = 14; step < 19; ++step) {
+      const StepData data = MakeStep({9, 8, 7}, 8, static_cast<int>(step));
+      FOVEA_RETURN_IF_ERROR(writer->WriteField("density", data.coefficients, data.stats));
+      FOVEA_RETURN_IF_ERROR(writer->EndStep(step * 1'000'000'000, {}));
+    }
+    return writer->Publish();
+  };
+  disk.set_fault([](const SimulatedDisk::Call& call) {
+    return call.operation == SimulatedDisk::Operation::kFlush ? -ENOSPC : 0;
+  });
+  EXPECT_THAT(end_five(),
+              FailsWith(absl::StatusCode::kResourceExhausted, "steps 14 to 18: was not committed"));
+  auto files = disk.Files();
+  files.erase("s/" + std::string(kLockName));
+  auto expected = before;
+  expected.erase("s/" + std::string(kLockName));
+  EXPECT_TRUE(files == expected);
+  disk.set_fault(nullptr);
+  ASSERT_OK(end_five());
+  ASSERT_OK_AND_ASSIGN(const auto dataset, Dataset::Open("s", disk));
+  for (int64_t step = 0; step < 19; ++step) {
+    ASSERT_OK_AND_ASSIGN(const FieldStats stats, dataset->Stats(step, "density"));
+    EXPECT_EQ(stats.histogram, MakeStep({9, 8, 7}, 8, static_cast<int>(step)).stats.histogram);
+  }
 }
 
 }  // namespace
