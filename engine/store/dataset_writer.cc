@@ -318,12 +318,11 @@ Status Writer::Publish() {
   }
   if (!status.ok()) {
     const std::string_view how = broken_ ? "may not have been" : "was not";
-    const int64_t first = info_.committed_steps;
-    const int64_t last = next_.committed_steps - 1;
+    const int64_t first = info_.committed_steps, last = next_.committed_steps - 1;
     DropEnded();
-    return Annotate(status, first == last
-                                ? fmt::format("step {} {} committed", first, how)
-                                : fmt::format("steps {} to {}: {} committed", first, last, how));
+    const std::string one = fmt::format("step {}", first);
+    const std::string which = first == last ? one : fmt::format("steps {} to {}:", first, last);
+    return Annotate(status, fmt::format("{} {} committed", which, how));
   }
   info_ = next_;
   published_series_ = series_;
