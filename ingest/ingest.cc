@@ -10,6 +10,7 @@
 #include "engine/base/stopwatch.h"
 #include "engine/store/dataset_writer.h"
 #include "ingest/field_stream.h"
+#include "ingest/quantised_step.h"
 #include "ingest/raw_format.h"
 #include "ingest/sequence.h"
 #include "ingest/series_plan.h"
@@ -33,6 +34,11 @@ Status CheckOptions(const IngestOptions& options) {
   }
   if (options.raw) {
     FOVEA_RETURN_IF_ERROR(CheckRawFormat(*options.raw));
+  }
+  if (options.tolerance && (options.lossless || options.append)) {
+    return InvalidArgument("tolerance: not with {}", options.lossless
+                                                         ? "lossless, whose error is 0"
+                                                         : "append: the store's own holds");
   }
   std::error_code error;
   const bool is_new = !fs::exists(options.output, error) || fs::is_empty(options.output, error);
@@ -94,12 +100,18 @@ class Run {
   Status WriteSteps(bool from_voxels);
   Status WriteStep(const PlannedStep& step, StepReader* reader);
   StatusOr<std::unique_ptr<FieldStream>> StartField(size_t field, float background);
-  Status WriteSparse(const PlannedStep& step, SparseField sparse);
+  Status WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedStep* quantised);
   void CountOdd(const PlannedStep& step, size_t field, uint64_t nonfinite, uint64_t rounded);
+  Status WriteQuantised(QuantisedStep* step);
   Status CreateStore();
   Status PublishSteps();
   [[nodiscard]] bool GoOn(int64_t done, int64_t total, const std::string& now) const {
     return progress_ == nullptr || progress_({done, total, now});
+  }
+
+  [[nodiscard]] bool is_quantised() const {
+    const auto has_scales = [](const store::FieldInfo& field) { return !field.scales.empty(); };
+    return options_.tolerance || std::any_of(codings_.begin(), codings_.end(), has_scales);
   }
 
   const IngestOptions& options_;
@@ -108,6 +120,8 @@ class Run {
   Hierarchy hierarchy_;
   Basis basis_;
   std::string stored_type_ = "float32";
+  /// How each field is stored; with a tolerance, from its first step on.
+  std::vector<store::FieldInfo> codings_;
   std::unique_ptr<store::DatasetWriter> writer_;
   bool made_store_ = false;
   Stopwatch since_published_;
@@ -148,10 +162,11 @@ Status Run::ChooseBasis() {
                              options_.output, info.wavelet, WaveletName(*options_.wavelet));
     }
     stored_type_ = info.fields.front().type;
-    basis_.integer = stored_type_ != "float32";
+    codings_ = info.fields;
+    basis_.integer = stored_type_ != "float32" && !is_quantised();
     if (options_.lossless && !basis_.integer) {
-      return InvalidArgument("'{}' holds float32 coefficients: integers cannot be added to it",
-                             options_.output);
+      return InvalidArgument("'{}' holds {} coefficients: lossless ones cannot be added to it",
+                             options_.output, is_quantised() ? "quantised" : "float32");
     }
   }
   if (!basis_.integer) {
@@ -244,12 +259,20 @@ Status Run::WriteSteps(bool from_voxels) {
 
 Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
   std::unique_ptr<FieldStream> stream;  // of the field in hand
+  QuantisedStep quantised(plan_.fields, hierarchy_, basis_,
+                          writer_ != nullptr ? writer_->info().chunk_edge : options_.chunk_edge,
+                          options_.threads);
   while (true) {
     FOVEA_ASSIGN_OR_RETURN(StepPart part, reader->Next());
     const Stopwatch watch;
     if (auto* sparse = std::get_if<SparseField>(&part)) {
-      FOVEA_RETURN_IF_ERROR(WriteSparse(step, std::move(*sparse)));
+      FOVEA_RETURN_IF_ERROR(
+          WriteSparse(step, std::move(*sparse), is_quantised() ? &quantised : nullptr));
     } else if (auto* piece = std::get_if<DensePiece>(&part)) {
+      if (is_quantised()) {
+        quantised.Add(*piece);
+        continue;
+      }
       if (stream == nullptr) {
         FOVEA_ASSIGN_OR_RETURN(stream, StartField(piece->field, 0));
       }
@@ -257,8 +280,10 @@ Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
           Annotate(stream->Push(std::move(piece->slices)), step.sources[piece->field].path));
     } else if (const auto* end = std::get_if<DenseEnd>(&part)) {
       CountOdd(step, end->field, end->nonfinite, end->rounded);
-      FOVEA_RETURN_IF_ERROR(stream->Finish(end->stats));
-      stream.reset();
+      if (stream != nullptr) {
+        FOVEA_RETURN_IF_ERROR(stream->Finish(end->stats));
+        stream.reset();
+      }
     } else {
       report_.read_ms += std::get<StepEnd>(part).read_ms;
       break;
@@ -266,6 +291,9 @@ Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
     report_.transform_ms += watch.ElapsedMs();
   }
   const Stopwatch watch;
+  if (is_quantised()) {
+    FOVEA_RETURN_IF_ERROR(WriteQuantised(&quantised));
+  }
   FOVEA_RETURN_IF_ERROR(writer_->EndStep(step.time_ns, step.frame_number));
   ++report_.steps;
   report_.write_ms += watch.ElapsedMs();
@@ -292,7 +320,25 @@ StatusOr<std::unique_ptr<FieldStream>> Run::StartField(size_t field, float backg
                             options_.threads);
 }
 
-Status Run::WriteSparse(const PlannedStep& step, SparseField sparse) {
+/// The fields of a step; the first one says how all are stored.
+Status Run::WriteQuantised(QuantisedStep* step) {
+  if (writer_ == nullptr) {
+    FOVEA_ASSIGN_OR_RETURN(codings_, step->ChooseCodings(*options_.tolerance));
+    for (const store::FieldInfo& coding : codings_) {
+      if (coding.scales.empty()) {
+        report_.warnings.push_back(
+            fmt::format("field '{}': nothing in its first step to choose scales by: stored as "
+                        "float32, which is exact",
+                        coding.name));
+      }
+    }
+    FOVEA_RETURN_IF_ERROR(CreateStore());
+  }
+  return step->Write(writer_.get());
+}
+
+/// Into the store, or to `quantised`.
+Status Run::WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedStep* quantised) {
   if (!sparse.outside.empty()) {
     metadata_was_wrong_ = true;
     return DataLoss(
@@ -301,6 +347,10 @@ Status Run::WriteSparse(const PlannedStep& step, SparseField sparse) {
         sparse.outside);
   }
   CountOdd(step, sparse.field, sparse.voxels.nonfinite, sparse.voxels.rounded);
+  if (quantised != nullptr) {
+    quantised->Add(sparse.field, std::move(sparse.voxels.voxels));
+    return absl::OkStatus();
+  }
   auto voxels = std::make_shared<const BrickGrid>(std::move(sparse.voxels.voxels));
   FOVEA_ASSIGN_OR_RETURN(const auto stream, StartField(sparse.field, voxels->background()));
   FOVEA_RETURN_IF_ERROR(stream->Push(voxels));
@@ -326,6 +376,9 @@ Status Run::CreateStore() {
     store::FieldInfo field;
     field.name = plan_.fields[i];
     field.type = stored_type_;
+    for (const store::FieldInfo& coding : codings_) {
+      field = coding.name == field.name ? coding : field;
+    }
     field.value_unit = plan_.value_units[i];
     info.fields.push_back(field);
     if (field.name == "density") {
@@ -347,6 +400,11 @@ void Run::Discard() {
 }
 
 IngestReport Run::TakeReport() {
+  if (is_quantised() && writer_ != nullptr) {
+    for (const std::string& name : plan_.fields) {
+      report_.max_errors.push_back(writer_->info().FieldOf(name).max_error);
+    }
+  }
   for (size_t i = 0; i < plan_.fields.size(); ++i) {
     if (nonfinite_[i].values > 0) {
       report_.nonfinite_values += nonfinite_[i].values;

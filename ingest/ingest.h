@@ -50,6 +50,12 @@ struct WorkerLimits {
   std::optional<double> cpu_seconds_per_file;
 };
 
+/// How far off a voxel may be that is reconstructed from quantised coefficients.
+struct Tolerance {
+  double value = 0;       // above 0
+  bool relative = false;  // a part of the range of the field's first step; else in data units
+};
+
 struct IngestOptions {
   /// Files, globs, or sequences: smoke_####.vdb, smoke_%04d.vdb, 'smoke_*.vdb'. Natural order.
   std::vector<std::string> inputs;
@@ -72,6 +78,9 @@ struct IngestOptions {
   /// Reversible integer coefficients (Haar or CDF 5/3) of raw voxels of 8 bits, stored as int16, or
   /// of 16, stored as int32. With `append`, as the store has it.
   bool lossless = false;
+  /// Coefficients quantised so that no voxel is farther off; each step is reconstructed, and the
+  /// largest error goes into the store. Not with `lossless`; with `append`, as the store has it.
+  std::optional<Tolerance> tolerance;
   int threads = 0;
   WorkerLimits worker;
 };
@@ -84,6 +93,7 @@ struct IngestReport {
   std::vector<std::string> warnings;  // what was decided for the user, one line each
   uint64_t input_bytes = 0;
   uint64_t nonfinite_values = 0;  // NaN and infinity, made background
+  std::vector<double> max_errors;     // of quantised fields, in the order of `fields`; data units
   double read_ms = 0, transform_ms = 0, write_ms = 0;
 };
 

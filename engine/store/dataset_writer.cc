@@ -115,6 +115,9 @@ class Writer final : public DatasetWriter {
       const std::string& field) override;
   [[nodiscard]] Status WriteField(const std::string& field, const CoefficientSet& coefficients,
                                   const FieldStats& stats) override;
+  void NoteMaxError(const std::string& field, double max_error) override {
+    max_errors_[field] = max_error;
+  }
   [[nodiscard]] Status EndStep(int64_t time_ns, std::optional<int64_t> frame_number) override;
   [[nodiscard]] Status Publish() override;
 
@@ -145,6 +148,7 @@ class Writer final : public DatasetWriter {
   // The step in hand.
   FileBatch batch_;
   std::map<std::string, FieldStats> written_;
+  std::map<std::string, double> max_errors_;  // of quantised fields
   bool broken_ = false;  // a commit failed halfway: what is on disk is not what we hold
 };
 
@@ -159,6 +163,7 @@ Status Writer::CheckUsable() const {
 void Writer::DropStep() {
   batch_.Discard();
   written_.clear();
+  max_errors_.clear();
 }
 
 void Writer::DropEnded() {
@@ -263,6 +268,9 @@ DatasetInfo Writer::InfoAfterStep() const {
     const bool first = info.committed_steps == 0;
     field.minimum = first ? stats.minimum : std::min(field.minimum, stats.minimum);
     field.maximum = first ? stats.maximum : std::max(field.maximum, stats.maximum);
+    if (const auto error = max_errors_.find(field.name); error != max_errors_.end()) {
+      field.max_error = std::max(field.max_error, error->second);
+    }
   }
   ++info.committed_steps;
   return info;
@@ -301,6 +309,7 @@ Status Writer::EndStep(int64_t time_ns, std::optional<int64_t> frame_number) {
   series_.last_time_ns = time_ns;
   ended_.Absorb(&batch_);
   written_.clear();
+  max_errors_.clear();
   const bool is_enough = next_.committed_steps - info_.committed_steps >= kMostStepsAtOnce;
   return is_enough ? Publish() : absl::OkStatus();
 }
@@ -484,7 +493,7 @@ StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Create(const std::string
   DatasetInfo empty = info;
   empty.committed_steps = 0;
   for (FieldInfo& field : empty.fields) {
-    field.minimum = field.maximum = 0;
+    field.minimum = field.maximum = field.max_error = 0;
   }
   // As a reader will see them.
   std::sort(empty.fields.begin(), empty.fields.end(),

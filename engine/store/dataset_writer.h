@@ -44,6 +44,9 @@ class DatasetWriter {
   [[nodiscard]] virtual Status WriteField(const std::string& field,
                                           const CoefficientSet& coefficients,
                                           const FieldStats& stats) = 0;
+  /// Of a quantised field of the step in hand: the largest difference between its voxels and what
+  /// its coefficients give back.
+  virtual void NoteMaxError(const std::string& field, double max_error) = 0;
   /// Ends the step in hand; it becomes visible with the next Commit of one behind it, or Publish,
   /// and is lost if the process dies before. Many small steps are far cheaper to publish together.
   /// After kMostStepsAtOnce (layout.h) of them it publishes by itself. Errors as of Commit.

@@ -4,6 +4,8 @@
 
 #include <CLI/CLI.hpp>
 
+#include "ingest/quantise.h"
+
 namespace fovea::cli {
 namespace {
 
@@ -334,6 +336,9 @@ void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest) {
             "haar, cdf53 or cdf97 (default haar; with --append, the dataset's)");
   app->add_flag("--lossless", ingest->lossless,
                 "Reversible integer coefficients, haar or cdf53: for voxels of 8 or 16 bits");
+  AddParsed(app, "--tolerance", "E", ingest::ParseTolerance, Into(&ingest->tolerance),
+            "Quantised coefficients: no voxel is farther off than E (0.01: data units; 1e-3r or "
+            "0.1%: of the range of the first step); verified, step by step");
 }
 
 void AddPictureInput(CLI::App* app, PictureInput* input) {

@@ -34,6 +34,11 @@ json ToJson(const client::DatasetSummary& summary) {
                       {"minimum", field.minimum},
                       {"maximum", field.maximum},
                       {"value_unit", field.value_unit}});
+    if (!field.scales.empty()) {
+      fields.back().update({{"scales", field.scales},
+                            {"tolerance", field.tolerance},
+                            {"max_error", field.max_error}});
+    }
   }
   json value = {{"name", summary.name},
                 {"nx", dims.x},
@@ -66,8 +71,13 @@ void Print(const client::DatasetSummary& summary) {
                         static_cast<double>(summary.first_time_ns) / 1e9,
                         static_cast<double>(summary.last_time_ns) / 1e9));
   for (const store::FieldInfo& field : info.fields) {
-    PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}{}{}", field.name, field.minimum,
+    const std::string error = field.scales.empty()
+                                  ? ""
+                                  : fmt::format(", off by {:.3g} at most (tolerance {:.3g})",
+                                                field.max_error, field.tolerance);
+    PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}{}, {}{}{}", field.name, field.minimum,
                           field.maximum, field.value_unit.empty() ? "" : " ", field.value_unit,
+                          field.type, error,
                           field.name == info.default_field ? " (default)" : ""));
   }
   if (summary.default_spec.field) {

@@ -23,6 +23,7 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
                               {"warnings", report.warnings},
                               {"input_bytes", report.input_bytes},
                               {"nonfinite_values", report.nonfinite_values},
+                              {"max_errors", report.max_errors},
                               {"read_ms", report.read_ms},
                               {"transform_ms", report.transform_ms},
                               {"write_ms", report.write_ms},
@@ -35,6 +36,10 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
   }
   PrintLine(fmt::format("{}: {} steps of {} x {} x {} voxels, fields {}", command.ingest.output,
                         report.steps, report.dims.x, report.dims.y, report.dims.z, fields));
+  for (size_t i = 0; i < report.max_errors.size(); ++i) {
+    PrintLine(fmt::format("field {}: no voxel is off by more than {:.3g}", report.fields[i],
+                          report.max_errors[i]));
+  }
   PrintLine(fmt::format(
       "{} read in {} ({:.1f} MiB/s); read {:.0f} ms, transform {:.0f} ms, "
       "write {:.0f} ms",

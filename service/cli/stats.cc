@@ -1,10 +1,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 
 #include <nlohmann/json.hpp>
 
 #include "engine/store/dataset.h"
+#include "engine/store/stored_size.h"
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
 
@@ -35,6 +37,44 @@ std::string Bars(const FieldStats& stats) {
   return bars;
 }
 
+/// Bytes by array, over the steps that were looked at.
+using Sizes = std::vector<store::ArrayBytes>;
+
+void Add(const Sizes& step, Sizes* sum) {
+  sum->resize(step.size());
+  for (size_t i = 0; i < step.size(); ++i) {
+    (*sum)[i].array = step[i].array;
+    (*sum)[i].bytes += step[i].bytes;
+  }
+}
+
+uint64_t Total(const Sizes& sizes) {
+  uint64_t bytes = 0;
+  for (const store::ArrayBytes& array : sizes) {
+    bytes += array.bytes;
+  }
+  return bytes;
+}
+
+json ToJson(const Sizes& sizes) {
+  json arrays = json::object();
+  for (const store::ArrayBytes& array : sizes) {
+    arrays[array.array] = array.bytes;
+  }
+  return arrays;
+}
+
+/// "density: 1.2 MiB, 0.35 bytes a voxel (coarse 0.01, detail_2 0.29 ...)".
+void PrintSizes(const std::string& field, const Sizes& sizes, double voxels) {
+  std::string levels;
+  for (const store::ArrayBytes& array : sizes) {
+    levels += fmt::format("{}{} {:.4f}", levels.empty() ? "" : ", ", array.array,
+                          static_cast<double>(array.bytes) / voxels);
+  }
+  PrintLine(fmt::format("{}: {}, {:.4f} bytes a voxel ({})", field, HumanBytes(Total(sizes)),
+                        static_cast<double>(Total(sizes)) / voxels, levels));
+}
+
 std::vector<std::string> FieldsOf(const store::DatasetInfo& info,
                                   const std::optional<std::string>& wanted) {
   if (wanted) {
@@ -55,6 +95,7 @@ Status Run(const StatsCommand& command) {
   const std::vector<std::string> fields = FieldsOf(info, command.field);
   const int64_t last = command.steps.last.value_or(info.committed_steps - 1);
   json steps = json::array();
+  std::map<std::string, Sizes> sizes;  // by field
   if (!command.output.json) {
     PrintLine(fmt::format("{:>6} {:>8}  {:<16} {:>13} {:>13}  histogram (log)", "step", "frame",
                           "field", "minimum", "maximum"));
@@ -71,10 +112,14 @@ Status Run(const StatsCommand& command) {
     }
     for (const std::string& field : fields) {
       FOVEA_ASSIGN_OR_RETURN(const FieldStats stats, dataset->Stats(step, field));
+      FOVEA_ASSIGN_OR_RETURN(const Sizes stored,
+                             store::StepBytes(dataset->path(), info, field, step));
+      Add(stored, &sizes[field]);
       if (command.output.json) {
         one["fields"].push_back({{"name", field},
                                  {"minimum", stats.minimum},
                                  {"maximum", stats.maximum},
+                                 {"bytes", ToJson(stored)},
                                  {"histogram", stats.histogram}});
       } else {
         PrintLine(fmt::format("{:>6} {:>8}  {:<16} {:>13.6g} {:>13.6g}  |{}|", step,
@@ -86,6 +131,12 @@ Status Run(const StatsCommand& command) {
   }
   if (command.output.json) {
     PrintJson(json({{"dataset", command.dataset}, {"steps", steps}}));
+    return absl::OkStatus();
+  }
+  const double voxels =
+      static_cast<double>(info.hierarchy.dims().Product()) * static_cast<double>(steps.size());
+  for (const auto& [field, arrays] : sizes) {
+    PrintSizes(field, arrays, voxels);
   }
   return absl::OkStatus();
 }

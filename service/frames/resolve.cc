@@ -247,11 +247,12 @@ Status ResolveMode(const store::DatasetInfo& info, FrameSpec* spec) {
   bool possible = info.wavelet == "haar" && !spec->view.perspective;
   for (const store::FieldInfo& field : info.fields) {
     const bool shown = field.name == spec->field || field.name == spec->color_field;
-    possible = possible && (!shown || field.type == "float32");
+    possible = possible && (!shown || field.type == "float32" || !field.scales.empty());
   }
   if (spec->mode == Mode::kFused && !possible) {
     return InvalidArgument(
-        "mode fused is for orthographic views of Haar coefficients in float32, and this {}; ask "
+        "mode fused is for orthographic views of Haar coefficients, not of lossless ones, and this "
+        "{}; ask "
         "for "
         "two-phase or auto",
         spec->view.perspective
