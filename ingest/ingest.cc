@@ -9,7 +9,12 @@
 
 #include "engine/base/stopwatch.h"
 #include "engine/store/dataset_writer.h"
+#include "engine/store/file.h"
+#include "engine/store/merge.h"
+#include "engine/store/metadata.h"
+#include "engine/store/retention.h"
 #include "ingest/field_stream.h"
+#include "ingest/given.h"
 #include "ingest/quantised_step.h"
 #include "ingest/raw_format.h"
 #include "ingest/sequence.h"
@@ -24,6 +29,11 @@ namespace fs = std::filesystem;
 constexpr double kPublishMs = 100;
 
 using ProgressCallback = std::function<bool(const IngestProgress&)>;
+
+Status IsThere(const IngestOptions& options, const std::string& why) {
+  return AlreadyExists("'{}' is there already{}: remove it, name another, or add to it (--append)",
+                       options.output, why);
+}
 
 Status CheckOptions(const IngestOptions& options) {
   if (options.output.empty()) {
@@ -40,13 +50,17 @@ Status CheckOptions(const IngestOptions& options) {
                                                          ? "lossless, whose error is 0"
                                                          : "append: the store's own holds");
   }
+  if (options.append && options.extent) {
+    return InvalidArgument("an extent is for a new dataset: '{}' has its own", options.output);
+  }
+  if (options.append && !options.retain.empty()) {
+    return InvalidArgument("windows to retain are for a new dataset: '{}' has its own",
+                           options.output);
+  }
   std::error_code error;
   const bool is_new = !fs::exists(options.output, error) || fs::is_empty(options.output, error);
-  if (!options.append && !is_new) {
-    return AlreadyExists("'{}' is there already: remove it, name another, or add to it (--append)",
-                         options.output);
-  }
-  return absl::OkStatus();
+  const bool is_ours = fs::exists(fs::path(options.output) / store::kLockName, error);
+  return options.append || is_new || is_ours ? absl::OkStatus() : IsThere(options, "");
 }
 
 /// What whole numbers of the files become without loss: int16 of 8 bits, int32 of 16.
@@ -78,8 +92,8 @@ struct Tally {
 /// One attempt at a whole series.
 class Run {
  public:
-  Run(const IngestOptions& options, const ProgressCallback& progress)
-      : options_(options), progress_(progress) {}
+  Run(const IngestOptions& options, const Given& given, const ProgressCallback& progress)
+      : options_(options), given_(given), progress_(progress) {}
 
   /// Scans, plans, and carries the plan out.
   [[nodiscard]] Status Execute(bool from_voxels);
@@ -91,12 +105,20 @@ class Run {
   void Discard();
   [[nodiscard]] IngestReport TakeReport();
 
+  /// The first pass alone.
+  [[nodiscard]] StatusOr<PlannedSeries> PlanOnly();
+
  private:
   Status ChooseBasis();
   Status OpenExisting(std::optional<ExistingStore>* existing);
   Status Plan(bool from_voxels);
-  Status ScanAndPlan(const std::vector<SequenceFile>& files,
-                     const std::optional<ExistingStore>& existing, bool from_voxels);
+  Status FindFiles();
+  /// Leaves of the plan what is to be made now: of the part that was asked for what an earlier run
+  /// has not made.
+  Status TakeUp(bool from_voxels);
+  Status GoOnWithStore(bool from_voxels);
+  [[nodiscard]] store::DatasetInfo NewInfo() const;
+  Status ScanAndPlan(const std::optional<ExistingStore>& existing, bool from_voxels);
   Status WriteSteps(bool from_voxels);
   Status WriteStep(const PlannedStep& step, StepReader* reader);
   StatusOr<std::unique_ptr<FieldStream>> StartField(size_t field, float background);
@@ -115,7 +137,11 @@ class Run {
   }
 
   const IngestOptions& options_;
+  const Given& given_;
   const ProgressCallback& progress_;
+  std::vector<SequenceFile> files_;
+  std::vector<ScannedFile> scanned_;
+  std::optional<store::SourceInfo> source_;
   SeriesPlan plan_;
   Hierarchy hierarchy_;
   Basis basis_;
@@ -133,6 +159,7 @@ class Run {
 
 Status Run::Execute(bool from_voxels) {
   FOVEA_RETURN_IF_ERROR(Plan(from_voxels));
+  FOVEA_RETURN_IF_ERROR(TakeUp(from_voxels));
   Status status = WriteSteps(from_voxels);
   if (writer_ != nullptr && !metadata_was_wrong_) {  // what is done stays, whatever happened
     const Status published = PublishSteps();
@@ -199,17 +226,27 @@ Status Run::OpenExisting(std::optional<ExistingStore>* existing) {
   return absl::OkStatus();
 }
 
-Status Run::ScanAndPlan(const std::vector<SequenceFile>& files,
-                        const std::optional<ExistingStore>& existing, bool from_voxels) {
-  const auto total = static_cast<int64_t>(files.size());
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<ScannedFile> scanned,
-                         ScanFiles(options_, files, from_voxels,
-                                   [&](const std::string& path) { return GoOn(0, total, path); }));
+Status Run::FindFiles() {
+  files_ = given_.files;
+  if (files_.empty() && given_.scanned.empty()) {
+    FOVEA_ASSIGN_OR_RETURN(files_, ResolveInputs(options_.inputs, options_.on_missing));
+  }
+  return absl::OkStatus();
+}
+
+Status Run::ScanAndPlan(const std::optional<ExistingStore>& existing, bool from_voxels) {
+  const auto total = static_cast<int64_t>(files_.size());
+  scanned_ = given_.scanned;
+  if (scanned_.empty()) {
+    FOVEA_ASSIGN_OR_RETURN(
+        scanned_, ScanFiles(options_, files_, from_voxels,
+                            [&](const std::string& path) { return GoOn(0, total, path); }));
+  }
   report_.input_bytes = 0;
-  for (const ScannedFile& file : scanned) {
+  for (const ScannedFile& file : scanned_) {
     report_.input_bytes += file.file.held ? 0 : static_cast<uint64_t>(file.info.file_bytes);
   }
-  FOVEA_ASSIGN_OR_RETURN(plan_, PlanSeries(options_, scanned, existing));
+  FOVEA_ASSIGN_OR_RETURN(plan_, PlanSeries(options_, scanned_, existing));
   return absl::OkStatus();
 }
 
@@ -218,13 +255,12 @@ Status Run::Plan(bool from_voxels) {
   if (options_.append) {
     FOVEA_RETURN_IF_ERROR(OpenExisting(&existing));
   }
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<SequenceFile> files,
-                         ResolveInputs(options_.inputs, options_.on_missing));
-  Status status = ScanAndPlan(files, existing, from_voxels);
-  if (absl::IsOutOfRange(status) && !from_voxels && !options_.raw) {
+  FOVEA_RETURN_IF_ERROR(FindFiles());
+  Status status = ScanAndPlan(existing, from_voxels);
+  if (absl::IsOutOfRange(status) && !from_voxels && !options_.raw && given_.scanned.empty()) {
     // Too large a box may be the metadata's fault.
     const std::string reason(MessageOf(status));
-    status = ScanAndPlan(files, existing, /*from_voxels=*/true);
+    status = ScanAndPlan(existing, /*from_voxels=*/true);
     plan_.warnings.push_back(
         fmt::format("{}, says the metadata; not so the voxels, which were believed", reason));
   }
@@ -237,6 +273,52 @@ Status Run::Plan(bool from_voxels) {
   report_.warnings = plan_.warnings;
   nonfinite_.resize(plan_.fields.size());
   rounded_.resize(plan_.fields.size());
+  return absl::OkStatus();
+}
+
+StatusOr<PlannedSeries> Run::PlanOnly() {
+  FOVEA_RETURN_IF_ERROR(Plan(/*from_voxels=*/false));
+  std::string series = SeriesIdentity(scanned_, plan_);
+  return PlannedSeries{std::move(scanned_), std::move(plan_), std::move(series)};
+}
+
+Status Run::TakeUp(bool from_voxels) {
+  if (options_.append) {
+    return absl::OkStatus();
+  }
+  const auto steps = static_cast<int64_t>(plan_.steps.size());
+  source_ = given_.open_series.empty() ? store::SourceInfo{SeriesIdentity(scanned_, plan_), steps,
+                                                           given_.part, given_.parts}
+                                       : store::SourceInfo{given_.open_series, 0, 0, 1};
+  if (given_.open_series.empty()) {
+    plan_.steps.erase(plan_.steps.begin() + source_->LastStep(), plan_.steps.end());
+    plan_.steps.erase(plan_.steps.begin(), plan_.steps.begin() + source_->FirstStep());
+  }
+  std::error_code error;
+  return fs::exists(fs::path(options_.output) / store::kMetadataName, error)
+             ? GoOnWithStore(from_voxels)
+             : absl::OkStatus();
+}
+
+Status Run::GoOnWithStore(bool from_voxels) {
+  FOVEA_ASSIGN_OR_RETURN(auto writer, store::DatasetWriter::Append(options_.output));
+  const store::DatasetInfo& there = writer->info();
+  if (!(there.source == source_)) {
+    return IsThere(options_, ", made of other files or at other times");
+  }
+  std::string difference = store::DifferenceInMaking(there, NewInfo());
+  if (difference == "extent" && !from_voxels && given_.scanned.empty() && !options_.raw) {
+    // It may have been begun again then with the boxes found from the voxels.
+    writer.reset();
+    FOVEA_RETURN_IF_ERROR(Plan(/*from_voxels=*/true));
+    return TakeUp(/*from_voxels=*/true);
+  }
+  if (!difference.empty()) {
+    return IsThere(options_, fmt::format(", and its {} is another", difference));
+  }
+  report_.steps_before = std::min(there.committed_steps, std::ssize(plan_.steps));
+  plan_.steps.erase(plan_.steps.begin(), plan_.steps.begin() + report_.steps_before);
+  writer_ = std::move(writer);
   return absl::OkStatus();
 }
 
@@ -254,7 +336,7 @@ Status Run::WriteSteps(bool from_voxels) {
     FOVEA_RETURN_IF_ERROR(status);
   }
   static_cast<void>(GoOn(report_.steps, total, ""));
-  return absl::OkStatus();
+  return writer_ == nullptr ? CreateStore() : absl::OkStatus();  // a part without steps
 }
 
 Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
@@ -362,9 +444,10 @@ void Run::CountOdd(const PlannedStep& step, size_t field, uint64_t nonfinite, ui
   rounded_[field].Add(rounded, step.sources[field].path);
 }
 
-/// Late, when the first step is ready to be written: a series that fails at once leaves nothing.
-Status Run::CreateStore() {
+store::DatasetInfo Run::NewInfo() const {
   store::DatasetInfo info;
+  info.source = source_;
+  info.retention = store::InVoxels(options_.retain, plan_.index_to_world);
   info.hierarchy = hierarchy_;
   info.wavelet = WaveletName(basis_.wavelet);
   info.origin = plan_.extent.lo;
@@ -385,7 +468,14 @@ Status Run::CreateStore() {
       info.default_field = field.name;
     }
   }
-  FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, info));
+  std::sort(info.fields.begin(), info.fields.end(),  // as a store lists them
+            [](const store::FieldInfo& a, const store::FieldInfo& b) { return a.name < b.name; });
+  return info;
+}
+
+/// Late, when the first step is ready to be written: a series that fails at once leaves nothing.
+Status Run::CreateStore() {
+  FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, NewInfo()));
   made_store_ = true;
   return absl::OkStatus();
 }
@@ -424,8 +514,18 @@ IngestReport Run::TakeReport() {
 }  // namespace
 
 StatusOr<IngestReport> Ingest(const IngestOptions& options, const ProgressCallback& progress) {
+  return IngestGiven(options, {}, progress);
+}
+
+StatusOr<PlannedSeries> PlanIngest(const IngestOptions& options, const ProgressCallback& progress) {
+  const Given nothing;
+  return Run(options, nothing, progress).PlanOnly();
+}
+
+StatusOr<IngestReport> IngestGiven(const IngestOptions& options, const Given& given,
+                                   const ProgressCallback& progress) {
   FOVEA_RETURN_IF_ERROR(CheckOptions(options));
-  Run run(options, progress);
+  Run run(options, given, progress);
   const Status status = run.Execute(/*from_voxels=*/false);
   if (status.ok()) {
     return run.TakeReport();
@@ -433,9 +533,12 @@ StatusOr<IngestReport> Ingest(const IngestOptions& options, const ProgressCallba
   if (!run.metadata_was_wrong()) {
     return status;
   }
+  if (!given.scanned.empty() || !given.open_series.empty()) {
+    return Annotate(status, "the extent was fixed before; choose one that holds it (--extent)");
+  }
   // Steps may have been committed with too small an extent; they are made anew with the right one.
   run.Discard();
-  Run again(options, progress);
+  Run again(options, given, progress);
   FOVEA_RETURN_IF_ERROR(again.Execute(/*from_voxels=*/true));
   IngestReport report = again.TakeReport();
   report.warnings.push_back(fmt::format(

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/store/retention.h"
 #include "engine/volume/basis.h"
 #include "engine/volume/geometry.h"
 
@@ -73,6 +74,10 @@ struct IngestOptions {
   bool append = false;                      // add steps to an existing store
   OnMissing on_missing = OnMissing::kError;
   Registration registration = Registration::kSame;  // VDB
+  /// Of a new dataset, in the files' index space; absent: the union of the boxes of all steps.
+  std::optional<Box3> extent;
+  std::vector<store::AskedWindow>
+      retain;  // a new dataset keeps only the detail in these; empty: all
   int64_t chunk_edge = 16;
   std::optional<Wavelet> wavelet;  // default Haar; with `append`, what the store has
   /// Reversible integer coefficients (Haar or CDF 5/3) of raw voxels of 8 bits, stored as int16, or
@@ -86,7 +91,8 @@ struct IngestOptions {
 };
 
 struct IngestReport {
-  int64_t steps = 0;  // committed by this call
+  int64_t steps = 0;         // committed by this call
+  int64_t steps_before = 0;  // of the same series, committed by earlier ones
   Int3 dims;
   Int3 origin;
   std::vector<std::string> fields;
@@ -104,7 +110,9 @@ struct IngestProgress {
 
 /// Ingests a whole series: a first pass over the metadata finds fields, extent (the union of the
 /// index boxes over all steps) and the matrix; the second reads, transforms and commits step by
-/// step. What is committed stays, whatever happens later. `progress` returns false to stop
+/// step. What is committed stays, whatever happens later: the same call again goes on at the first
+/// missing step. ALREADY_EXISTS if `output` is there and is not of the same series (DatasetInfo::
+/// source), or made otherwise. `progress` returns false to stop
 /// cleanly between steps (CANCELLED). Errors name the file and what to do.
 [[nodiscard]] StatusOr<IngestReport> Ingest(
     const IngestOptions& options,

@@ -108,6 +108,7 @@ class Planner {
   [[nodiscard]] Box3 BoxOf(const GridInfo& grid) const;
   Status FindExtent();
   Status CheckExtentSize(const Box3& extent) const;
+  Status UseAskedExtent();
   Status Place();
   Status SetSpacing(const Vec3& spacing);
   Status MakeSteps();
@@ -328,7 +329,7 @@ Status Planner::FindExtent() {
         if (!extent.Contains(BoxOf(*grid))) {
           return InvalidArgument(
               "{}: grid '{}' reaches from {}, outside the box of '{}', {}: a dataset keeps the "
-              "extent of its first steps; ingest the whole series anew",
+              "extent that it began with; ingest the whole series anew, or begin with --extent",
               file.file.path, Printable(grid->name), Show(BoxOf(*grid)), options_.output,
               Show(extent));
         }
@@ -344,7 +345,33 @@ Status Planner::FindExtent() {
     }
   }
   plan_.extent = extent;
-  return absl::OkStatus();
+  return existing_ || !options_.extent ? absl::OkStatus() : UseAskedExtent();
+}
+
+Status Planner::UseAskedExtent() {
+  const Box3& asked = *options_.extent;
+  constexpr int64_t kFarthest = int64_t{1} << 31;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (asked.lo[axis] < -kFarthest || asked.hi[axis] > kFarthest ||
+        asked.lo[axis] >= asked.hi[axis]) {
+      return InvalidArgument("--extent {}: nothing is in it, or it reaches past 2^31", Show(asked));
+    }
+  }
+  if (is_dense_ && asked != plan_.extent) {
+    return InvalidArgument("--extent {}: the files hold {}, all of it", Show(asked),
+                           Show(plan_.extent));
+  }
+  for (const ScannedFile& file : files_) {
+    for (const ChosenGrid& chosen : choice_.grids) {
+      const GridInfo* grid = FindGrid(file, chosen.grid);
+      if (grid != nullptr && grid->problem.empty() && !asked.Contains(BoxOf(*grid))) {
+        return InvalidArgument("{}: grid '{}' reaches from {}, outside --extent, {}",
+                               file.file.path, Printable(grid->name), Show(BoxOf(*grid)), Show(asked));
+      }
+    }
+  }
+  plan_.extent = asked;
+  return Annotate(CheckExtentSize(asked), "--extent");
 }
 
 Status Planner::CheckExtentSize(const Box3& extent) const {

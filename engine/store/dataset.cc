@@ -26,6 +26,11 @@ bool DatasetInfo::IsLost(const std::string& field, int64_t step) const {
   return std::binary_search(lost.begin(), lost.end(), step);
 }
 
+bool IsComplete(const DatasetInfo& info) {
+  return info.source && info.source->steps > 0 &&
+         info.committed_steps >= info.source->LastStep() - info.source->FirstStep();
+}
+
 namespace {
 
 /// Every array must be what the group says, and have the committed steps.

@@ -1,6 +1,7 @@
 #ifndef ENGINE_STORE_DATASET_H_
 #define ENGINE_STORE_DATASET_H_
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -9,6 +10,7 @@
 
 #include "engine/base/status.h"
 #include "engine/fovea/coefficient_source.h"
+#include "engine/fovea/retained_set.h"
 #include "engine/store/file_system.h"
 #include "engine/volume/brick_grid.h"
 #include "engine/volume/geometry.h"
@@ -34,16 +36,44 @@ struct FieldInfo {
   friend bool operator==(const FieldInfo&, const FieldInfo&) = default;
 };
 
+/// A window of detail that is kept where other detail is not: a fovea and its rate, as cubes.
+struct RetainedWindow {
+  Vec3 at;  // voxel coordinates, 0 to the dimensions
+  Rate rate;
+  friend bool operator==(const RetainedWindow&, const RetainedWindow&) = default;
+};
+inline constexpr size_t kMaxRetainedWindows = 64;
+
+/// What series the steps are made of, so that an ingest that was interrupted can go on, and parts
+/// made on several machines be joined.
+struct SourceInfo {
+  std::string series;           // 16 hex digits, the same for the same files read the same way
+  int64_t steps = 0;            // of the whole series; 0: not known yet, as new ones are awaited
+  int64_t part = 0, parts = 1;  // this store is part `part`, from 0, of `parts`
+
+  /// The steps of the series that this store holds when it is complete: [first, last). Parts are
+  /// runs of neighbouring steps, as long as each other or one longer.
+  [[nodiscard]] int64_t FirstStep() const { return StepsBefore(part); }
+  [[nodiscard]] int64_t LastStep() const { return StepsBefore(part + 1); }
+  friend bool operator==(const SourceInfo&, const SourceInfo&) = default;
+
+ private:
+  [[nodiscard]] int64_t StepsBefore(int64_t i) const {
+    return steps / parts * i + std::min(i, steps % parts);
+  }
+};
+
 /// The `fovea` attributes of the group (docs/formats/store.md).
 struct DatasetInfo {
   int format_version = 1;
-  std::string wavelet = "haar";  // haar, cdf53 or cdf97
-  Hierarchy hierarchy;           // dims_xyz
-  Int3 origin;                   // source index of voxel (0, 0, 0)
-  Matrix4 index_to_world;        // our voxel coordinates to the world
-  std::string world_unit;        // may be empty: unknown
-  std::string clock;             // what time 0 is; may be empty
-  std::string retention = "all";
+  std::string wavelet = "haar";           // haar, cdf53 or cdf97
+  Hierarchy hierarchy;                    // dims_xyz
+  Int3 origin;                            // source index of voxel (0, 0, 0)
+  Matrix4 index_to_world;                 // our voxel coordinates to the world
+  std::string world_unit;                 // may be empty: unknown
+  std::string clock;                      // what time 0 is; may be empty
+  std::vector<RetainedWindow> retention;  // empty: all detail is kept
+  std::optional<SourceInfo> source;       // where it is known
   int64_t committed_steps = 0;
   std::string default_field;
   std::vector<FieldInfo> fields;
@@ -57,6 +87,9 @@ struct DatasetInfo {
   /// Whether repair could save nothing of a step of a field that is there.
   [[nodiscard]] bool IsLost(const std::string& field, int64_t step) const;
 };
+
+/// Whether all steps of its source are there; false where that is not known.
+[[nodiscard]] bool IsComplete(const DatasetInfo& info);
 
 /// What reading one step cost so far.
 struct ReadStats {

@@ -82,6 +82,7 @@ FieldWriter::FieldWriter(const std::string& store_path, const DatasetInfo& info,
       encoders_(encoders),
       batch_(batch),
       on_end_(std::move(on_end)) {
+  retained_ = RetainedChunks::Make(info).value_or(retained_);  // a store's info was checked
   for (int level = 0; level < info.hierarchy.finest(); ++level) {
     levels_.push_back(std::make_unique<LevelWriter>(
         store_path_, field_, step_, LevelLayout::Make(info, info.FieldOf(field_), level), encoders_,
@@ -97,6 +98,9 @@ FieldWriter::~FieldWriter() {
 
 Status FieldWriter::Add(int level, const Int3& at, std::span<const std::byte> values,
                         float largest) {
+  if (!retained_.Keeps(level, at)) {
+    return absl::OkStatus();
+  }
   return levels_[static_cast<size_t>(level)]->Add(at, values, largest);
 }
 

@@ -13,6 +13,7 @@
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
 #include "engine/store/level_writer.h"
+#include "engine/store/retention.h"
 #include "engine/volume/coefficient_set.h"
 
 namespace fovea::store {
@@ -37,7 +38,7 @@ class FieldWriter {
   }
   /// Encodes the chunk at `at` of detail level `level`: [7][z][y][x] values as coding() says, as in
   /// memory, zeros past the border; `largest` is their largest magnitude, above 0 (chunks of zeros
-  /// are left out). From any number of threads, for chunks of one layer. INVALID_ARGUMENT if
+  /// are left out, and so are those that the store does not retain). From any number of threads, for chunks of one layer. INVALID_ARGUMENT if
   /// `largest` is not finite.
   [[nodiscard]] Status Add(int level, const Int3& at, std::span<const std::byte> values,
                            float largest);
@@ -54,6 +55,7 @@ class FieldWriter {
   Coding coarse_coding_;
   int64_t step_;
   Int3 coarse_dims_;
+  RetainedChunks retained_;
   EncoderPool* encoders_;
   FileBatch* batch_;
   std::function<void(const FieldStats*)> on_end_;

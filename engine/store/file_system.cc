@@ -80,6 +80,9 @@ class PosixFileSystem final : public FileSystem {
   [[nodiscard]] int Rename(const std::string& from, const std::string& to) override {
     return ::rename(from.c_str(), to.c_str()) == 0 ? 0 : -errno;
   }
+  [[nodiscard]] int Link(const std::string& from, const std::string& to) override {
+    return ::link(from.c_str(), to.c_str()) == 0 ? 0 : -errno;
+  }
   [[nodiscard]] int Remove(const std::string& path) override {
     return ::unlink(path.c_str()) == 0 ? 0 : -errno;
   }

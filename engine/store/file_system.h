@@ -53,6 +53,8 @@ class FileSystem {
 
   /// Replaces `to`, at once.
   [[nodiscard]] virtual int Rename(const std::string& from, const std::string& to) = 0;
+  /// Another name for the file at `from`: a hard link. -EEXIST if `to` is there.
+  [[nodiscard]] virtual int Link(const std::string& from, const std::string& to) = 0;
   [[nodiscard]] virtual int Remove(const std::string& path) = 0;
   [[nodiscard]] virtual int MakeDirectory(const std::string& path) = 0;
   /// It must be empty.

@@ -1,6 +1,7 @@
 #include "engine/store/metadata.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -13,6 +14,7 @@
 
 #include "engine/store/codec.h"
 #include "engine/store/file.h"
+#include "engine/store/retention.h"
 #include "engine/store/stored_type.h"
 #include "engine/volume/basis.h"
 
@@ -54,6 +56,24 @@ Status CheckCoding(const FieldInfo& field, Wavelet wavelet, int64_t levels) {
       !(field.max_error >= 0)) {
     return InvalidArgument(
         "quantised: it must have an integer type, {} scales, and a tolerance above 0", levels);
+  }
+  return absl::OkStatus();
+}
+
+Status ValidateSource(const DatasetInfo& info) {
+  if (!info.source) {
+    return absl::OkStatus();
+  }
+  const SourceInfo& source = *info.source;
+  const auto is_hex = [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); };
+  if (source.series.size() != 16 ||
+      !std::all_of(source.series.begin(), source.series.end(), is_hex)) {
+    return InvalidArgument("the series of the source must be 16 hex digits");
+  }
+  if (source.steps < 0 || source.steps > kMaxSteps || source.parts < 1 ||
+      source.parts > kMaxSteps || source.part < 0 || source.part >= source.parts) {
+    return InvalidArgument("the source is part {} of {} of {} steps: that cannot be", source.part,
+                           source.parts, source.steps);
   }
   return absl::OkStatus();
 }
@@ -112,12 +132,13 @@ Status ValidateInfo(const DatasetInfo& info) {
       !std::isfinite(determinant) || determinant == 0) {
     return InvalidArgument("the index-to-world matrix is singular or not finite");
   }
-  for (const std::string* text : {&info.world_unit, &info.clock, &info.retention}) {
+  for (const std::string* text : {&info.world_unit, &info.clock}) {
     if (text->size() > kMaxTextLength) {
-      return InvalidArgument("world_unit, clock and retention must not exceed {} bytes",
-                             kMaxTextLength);
+      return InvalidArgument("world_unit and clock must not exceed {} bytes", kMaxTextLength);
     }
   }
+  FOVEA_RETURN_IF_ERROR(RetainedChunks::Make(info).status());
+  FOVEA_RETURN_IF_ERROR(ValidateSource(info));
   return ValidateFields(info, wavelet);
 }
 
@@ -126,6 +147,17 @@ namespace {
 uint32_t ChecksumOf(const json& attributes) {
   const std::string text = attributes.dump();
   return Crc32c(std::as_bytes(std::span(text)));
+}
+
+json RetentionJson(const std::vector<RetainedWindow>& windows) {
+  if (windows.empty()) {
+    return "all";
+  }
+  json list = json::array();
+  for (const auto& [at, rate] : windows) {
+    list.push_back({{"fovea_xyz", {at.x, at.y, at.z}}, {"rate_xyz", {rate.x, rate.y, rate.z}}});
+  }
+  return list;
 }
 
 json Attributes(const DatasetInfo& info) {
@@ -154,11 +186,17 @@ json Attributes(const DatasetInfo& info) {
                      {"world_unit", info.world_unit},
                      {"time_unit", "ns"},
                      {"clock", info.clock},
-                     {"retention", info.retention},
+                     {"retention", RetentionJson(info.retention)},
                      {"committed_steps", info.committed_steps},
                      {"default_field", info.default_field},
                      {"chunk_edge", info.chunk_edge},
                      {"fields", std::move(fields)}};
+  if (info.source) {
+    attributes["source"] = {{"series", info.source->series},
+                            {"steps", info.source->steps},
+                            {"part", info.source->part},
+                            {"parts", info.source->parts}};
+  }
   attributes[kChecksumKey] = fmt::format("{:08x}", ChecksumOf(attributes));
   return attributes;
 }
@@ -172,7 +210,7 @@ StatusOr<std::string> GroupJson(const DatasetInfo& info) {
         {"zarr_format", 3}, {"node_type", "group"}, {"attributes", {{"fovea", Attributes(info)}}}};
     return group.dump(1) + "\n";
   } catch (const json::exception& error) {  // a text that is not UTF-8
-    return InvalidArgument("world_unit, clock or retention cannot be written: {}", error.what());
+    return InvalidArgument("world_unit or clock cannot be written: {}", error.what());
   }
 }
 
@@ -338,6 +376,34 @@ FieldInfo FieldFrom(const std::string& name, const json& field) {
 }
 
 /// Throws where something is missing or of another type.
+std::vector<RetainedWindow> RetentionFrom(const json& retention) {
+  if (retention == "all") {
+    return {};
+  }
+  if (!retention.is_array() || retention.empty() || retention.size() > kMaxRetainedWindows) {
+    throw BadValue(
+        fmt::format("retention must be \"all\" or 1 to {} windows", kMaxRetainedWindows));
+  }
+  std::vector<RetainedWindow> windows;
+  for (const json& window : retention) {
+    const auto at = window.at("fovea_xyz").get<std::array<double, 3>>();
+    const auto rate = window.at("rate_xyz").get<std::array<double, 3>>();
+    windows.push_back({{at[0], at[1], at[2]}, {rate[0], rate[1], rate[2]}});
+  }
+  return windows;
+}
+
+/// Throws where something is missing or of another type.
+std::optional<SourceInfo> SourceFrom(const json& attributes) {
+  if (!attributes.contains("source")) {
+    return std::nullopt;
+  }
+  const json& source = attributes.at("source");
+  return SourceInfo{source.at("series").get<std::string>(), Integer(source, "steps", 0, kMaxSteps),
+                    Integer(source, "part", 0, kMaxSteps), Integer(source, "parts", 1, kMaxSteps)};
+}
+
+/// Throws where something is missing or of another type.
 StatusOr<DatasetInfo> InfoFrom(const json& attributes) {
   constexpr int64_t kFarthest = int64_t{1} << 40;
   DatasetInfo info;
@@ -355,7 +421,8 @@ StatusOr<DatasetInfo> InfoFrom(const json& attributes) {
     return InvalidArgument("time_unit must be ns");
   }
   info.clock = attributes.at("clock").get<std::string>();
-  info.retention = attributes.at("retention").get<std::string>();
+  info.retention = RetentionFrom(attributes.at("retention"));
+  info.source = SourceFrom(attributes);
   info.committed_steps = Integer(attributes, "committed_steps", 0, kMaxSteps);
   info.default_field = attributes.at("default_field").get<std::string>();
   info.chunk_edge = Integer(attributes, "chunk_edge", 8, 32);

@@ -4,7 +4,9 @@
 #include <array>
 #include <atomic>
 #include <cstring>
+#include <functional>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -20,6 +22,7 @@
 #include "engine/store/file.h"
 #include "engine/store/layout.h"
 #include "engine/store/read_quote.h"
+#include "engine/store/retention.h"
 
 // A window read: (1) which chunks meet the window; (2) the tables chunk_max_W say which of them
 // are zero, and which must be there; (3) the indices of their shards say where they lie; (4) runs
@@ -41,11 +44,21 @@ struct Wanted {
   ShardEntry entry;
 };
 
-/// Neighbouring chunks of one shard, by offset.
+/// Neighbouring chunks of one shard, by offset. They are read from the very file whose index said
+/// where they lie: another may have taken its name since.
 struct Run {
-  std::string path;
+  std::shared_ptr<const ReadableFile> file;
   std::vector<Wanted> chunks;
 };
+
+/// A shard, open, and its index; both empty if there is no such shard.
+struct OpenShard {
+  std::shared_ptr<const ReadableFile> file;
+  ShardIndex index;
+};
+
+/// Files that one window read keeps open at a time, at most.
+constexpr size_t kMaxOpenShards = 16;
 
 /// One ReadDetail call.
 struct Window {
@@ -66,7 +79,8 @@ class StoredStep final : public StepSource {
         field_(std::move(field)),
         on_damage_(on_damage),
         coarse_coding_(CoarseCoding(info_.FieldOf(field_))),
-        basis_(BasisOf(info_, info_.FieldOf(field_))) {
+        basis_(BasisOf(info_, info_.FieldOf(field_))),
+        retention_(files, path_, info_) {
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {
       layouts_.push_back(LevelLayout::Make(info_, info_.FieldOf(field_), level));
       tables_.push_back(
@@ -91,10 +105,10 @@ class StoredStep final : public StepSource {
   [[nodiscard]] Status FindWanted(const Window& window, Shards* shards);
   [[nodiscard]] Status PlanShard(const Window& window, std::vector<Wanted> wanted,
                                  std::vector<Run>* runs);
-  [[nodiscard]] StatusOr<std::optional<ShardIndex>> ReadIndex(const Window& window,
-                                                              const std::string& path);
-  /// Steps 1 to 3: which runs the window is read in.
-  [[nodiscard]] Status PlanRuns(const Window& window, std::vector<Run>* runs);
+  [[nodiscard]] StatusOr<OpenShard> Open(const Window& window, const std::string& path);
+  /// Steps 1 to 3, some shards at a time: `take` is given the runs that the window is read in.
+  [[nodiscard]] Status PlanRuns(const Window& window,
+                                const std::function<Status(const std::vector<Run>&)>& take);
   [[nodiscard]] Status ReadRun(const Window& window, const Run& run);
   [[nodiscard]] Status ReadRuns(const Window& window, const std::vector<Run>& runs);
   /// One chunk cannot be had because of `why`: an error, or zeros and a count.
@@ -114,6 +128,7 @@ class StoredStep final : public StepSource {
   const Basis basis_;
   std::vector<LevelLayout> layouts_;
   std::vector<std::unique_ptr<ChunkTable>> tables_;
+  NewestRetention retention_;
   std::atomic<uint64_t> chunks_read_{0};
   std::atomic<uint64_t> bytes_read_{0};
   mutable std::mutex damaged_mutex_;
@@ -227,19 +242,17 @@ Status StoredStep::FindWanted(const Window& window, Shards* shards) {
   return absl::OkStatus();
 }
 
-/// The index of a shard; nothing if there is no such shard.
-StatusOr<std::optional<ShardIndex>> StoredStep::ReadIndex(const Window& window,
-                                                          const std::string& path) {
-  const StatusOr<ReadableFile> file = ReadableFile::Open(files_, path);
+StatusOr<OpenShard> StoredStep::Open(const Window& window, const std::string& path) {
+  StatusOr<ReadableFile> file = ReadableFile::Open(files_, path);
   if (absl::IsNotFound(file.status())) {
-    return std::nullopt;
+    return OpenShard{};
   }
   FOVEA_RETURN_IF_ERROR(file.status());
   const auto chunks = static_cast<size_t>(window.layout.shard_chunks.Product());
   bytes_read_ += static_cast<uint64_t>(ShardIndexBytes(chunks));
   FOVEA_ASSIGN_OR_RETURN(
       ShardIndex index, ReadShardIndex(*file, chunks, MaxEncodedBytes(window.layout.ChunkBytes())));
-  return index;
+  return OpenShard{std::make_shared<const ReadableFile>(*std::move(file)), std::move(index)};
 }
 
 Status StoredStep::PlanShard(const Window& window, std::vector<Wanted> wanted,
@@ -248,15 +261,16 @@ Status StoredStep::PlanShard(const Window& window, std::vector<Wanted> wanted,
   const std::string path =
       fmt::format("{}/{}/{}", path_, DetailPath(field_, layout.width),
                   SpaceChunkName(step_, layout.ShardOf(wanted.front().chunk), /*with_bands=*/true));
-  const StatusOr<std::optional<ShardIndex>> index = ReadIndex(window, path);
+  const StatusOr<OpenShard> shard = Open(window, path);
   std::vector<Wanted> found;
   for (Wanted& one : wanted) {
-    if (!index.ok()) {
-      FOVEA_RETURN_IF_ERROR(Damaged(layout, one.chunk, index.status()));
-    } else if (*index && (**index)[layout.IndexInShard(one.chunk)]) {
-      one.entry = *(**index)[layout.IndexInShard(one.chunk)];
+    const size_t place = layout.IndexInShard(one.chunk);
+    if (!shard.ok()) {
+      FOVEA_RETURN_IF_ERROR(Damaged(layout, one.chunk, shard.status()));
+    } else if (shard->file != nullptr && shard->index[place]) {
+      one.entry = *shard->index[place];
       found.push_back(one);
-    } else if (one.stored == Stored::kYes) {
+    } else if (one.stored == Stored::kYes && !retention_.WasDropped(layout.level, one.chunk)) {
       FOVEA_RETURN_IF_ERROR(
           Damaged(layout, one.chunk, DataLoss("{} does not hold it, and should", path)));
     }
@@ -268,7 +282,7 @@ Status StoredStep::PlanShard(const Window& window, std::vector<Wanted> wanted,
   for (const Wanted& one : found) {
     if (new_run || runs->back().chunks.size() >= kMaxRunChunks || one.entry.offset < end ||
         one.entry.offset - end > kMaxGapBytes) {
-      runs->push_back({path, {}});
+      runs->push_back({shard->file, {}});
       new_run = false;
     }
     runs->back().chunks.push_back(one);
@@ -296,13 +310,22 @@ void CopyIntoWindow(const Window& window, const Int3& chunk, std::span<const flo
   }
 }
 
-Status StoredStep::PlanRuns(const Window& window, std::vector<Run>* runs) {
+Status StoredStep::PlanRuns(const Window& window,
+                            const std::function<Status(const std::vector<Run>&)>& take) {
   Shards shards;
   FOVEA_RETURN_IF_ERROR(FindWanted(window, &shards));
+  std::vector<Run> runs;
+  size_t open = 0;
   for (auto& [position, wanted] : shards) {
-    FOVEA_RETURN_IF_ERROR(PlanShard(window, std::move(wanted), runs));
+    if (open == kMaxOpenShards) {
+      FOVEA_RETURN_IF_ERROR(take(runs));
+      runs.clear();
+      open = 0;
+    }
+    FOVEA_RETURN_IF_ERROR(PlanShard(window, std::move(wanted), &runs));
+    ++open;
   }
-  return absl::OkStatus();
+  return take(runs);
 }
 
 /// The bytes that a run reads at once: its chunks and what lies between them.
@@ -314,11 +337,7 @@ uint64_t RunBytes(const Run& run) {
 Status StoredStep::ReadRun(const Window& window, const Run& run) {
   const uint64_t start = run.chunks.front().entry.offset;
   std::vector<std::byte> bytes(RunBytes(run));
-  StatusOr<ReadableFile> file = ReadableFile::Open(files_, run.path);
-  if (absl::IsNotFound(file.status())) {
-    file = DataLoss("{} vanished while it was read", run.path);
-  }
-  const Status read = file.ok() ? file->ReadAt(static_cast<int64_t>(start), bytes) : file.status();
+  const Status read = run.file->ReadAt(static_cast<int64_t>(start), bytes);
   bytes_read_ += bytes.size();
   Decoder decoder;
   std::vector<float> values(static_cast<size_t>(window.layout.ChunkValues()));
@@ -332,7 +351,7 @@ Status StoredStep::ReadRun(const Window& window, const Run& run) {
     }
     decode_ns_ += static_cast<int64_t>(1e6 * watch.ElapsedMs());
     if (!status.ok()) {
-      FOVEA_RETURN_IF_ERROR(Damaged(window.layout, one.chunk, Annotate(status, run.path)));
+      FOVEA_RETURN_IF_ERROR(Damaged(window.layout, one.chunk, Annotate(status, run.file->path())));
       continue;
     }
     CopyIntoWindow(window, one.chunk, values);
@@ -370,9 +389,7 @@ Status StoredStep::ReadDetail(int level, const Box3& box, std::span<float> out) 
   }
   std::fill(out.begin(), out.end(), 0.0F);
   const Window window{layouts_[at], *tables_[at], box, out};
-  std::vector<Run> runs;
-  FOVEA_RETURN_IF_ERROR(PlanRuns(window, &runs));
-  return ReadRuns(window, runs);
+  return PlanRuns(window, [&](const std::vector<Run>& runs) { return ReadRuns(window, runs); });
 }
 
 Status StoredStep::CountReads(const RetainedSet& retained) {
@@ -387,12 +404,14 @@ Status StoredStep::CountReads(const RetainedSet& retained) {
     if (box.IsEmpty()) {
       continue;
     }
-    std::vector<Run> runs;
-    FOVEA_RETURN_IF_ERROR(PlanRuns({layouts_[level], *tables_[level], box, {}}, &runs));
-    for (const Run& run : runs) {
-      bytes_read_ += RunBytes(run);
-      chunks_read_ += run.chunks.size();
-    }
+    const auto count = [&](const std::vector<Run>& runs) {
+      for (const Run& run : runs) {
+        bytes_read_ += RunBytes(run);
+        chunks_read_ += run.chunks.size();
+      }
+      return absl::OkStatus();
+    };
+    FOVEA_RETURN_IF_ERROR(PlanRuns({layouts_[level], *tables_[level], box, {}}, count));
   }
   return absl::OkStatus();
 }

@@ -10,6 +10,7 @@
 #include "engine/store/file.h"
 #include "engine/store/layout.h"
 #include "engine/store/metadata.h"
+#include "engine/store/retention.h"
 #include "engine/store/survey.h"
 
 namespace fovea::store {
@@ -23,7 +24,8 @@ class Verifier final : public SurveyVisitor {
       : files_(files),
         path_(std::move(path)),
         info_(std::move(info)),
-        survey_(files, path_, info_, threads) {}
+        survey_(files, path_, info_, threads),
+        retention_(files, path_, info_) {}
 
   /// The steps there is anything to check of: what metadata claims, but no more than files are
   /// there for.
@@ -51,6 +53,7 @@ class Verifier final : public SurveyVisitor {
   const std::string path_;
   const DatasetInfo info_;
   Survey survey_;
+  NewestRetention retention_;  // a retain may have been stopped between a shard and its table
   int64_t last_series_ = -1;  // the last step whose rows were looked at
   int64_t last_time_ns_ = std::numeric_limits<int64_t>::min();
   size_t more_problems_ = 0;
@@ -182,7 +185,9 @@ void Verifier::OnStep(FoundStep& found) {
   report_.bytes += found.bytes;
   for (const FoundLevel& level : found.levels) {
     for (const auto& [block, status] : level.damaged_blocks) {
-      Note(status, "");
+      if (!absl::IsNotFound(status)) {  // listed, and gone since: a retain is at work
+        Note(status, "");
+      }
     }
   }
 }
@@ -190,6 +195,9 @@ void Verifier::OnStep(FoundStep& found) {
 void Verifier::OnShard(FoundStep& /*found*/, FoundLevel& level, FoundShard& shard) {
   const LevelLayout& layout = level.layout;
   const auto places = static_cast<size_t>(layout.shard_chunks.Product());
+  if (absl::IsNotFound(shard.status)) {
+    return;  // gone since it was listed: what is missing of it shows at the end of the level
+  }
   Note(shard.status, "");
   if (!shard.status.ok()) {
     for (size_t place = 0; place < places; ++place) {
@@ -206,7 +214,8 @@ void Verifier::OnShard(FoundStep& /*found*/, FoundLevel& level, FoundShard& shar
     if (!chunk.status.ok()) {
       Note(chunk.status, where);
     } else if (chunk.largest != expected &&
-               !level.damaged_blocks.contains(level.BlockOf(chunk.at))) {
+               !level.damaged_blocks.contains(level.BlockOf(chunk.at)) &&
+               !(expected == 0 && retention_.WasDropped(layout.level, chunk.at))) {
       Problem(fmt::format("{}: its largest coefficient is {}, chunk_max_{} says {}", where,
                           chunk.largest, layout.width, expected));
     }
@@ -223,6 +232,9 @@ void Verifier::OnShard(FoundStep& /*found*/, FoundLevel& level, FoundShard& shar
 void Verifier::OnLevelEnd(FoundStep& found, FoundLevel& level) {
   const std::string folder = DetailPath(found.field, level.layout.width);
   for (const Int3& at : level.Chunks()) {
+    if (retention_.WasDropped(level.layout.level, at)) {
+      continue;
+    }
     Problem(fmt::format("{}/{}: chunk {},{},{} (x, y, z) of step {} is missing", path_, folder,
                         at.x, at.y, at.z, found.step));
   }

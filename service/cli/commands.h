@@ -8,9 +8,12 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/store/merge.h"
+#include "engine/store/retention.h"
 #include "engine/volume/geometry.h"
 #include "ingest/ingest.h"
 #include "ingest/sensors/sensor_ingest.h"
+#include "ingest/watch.h"
 #include "service/cli/values.h"
 #include "service/frames/plan.h"
 #include "service/frames/spec.h"
@@ -37,6 +40,12 @@ struct PictureInput {
 struct IngestCommand {
   OutputOptions output;
   ingest::IngestOptions ingest;
+  std::string plan;       // only write this plan
+  std::string from_plan;  // the series and all flags are of this plan
+  std::optional<Shard> shard;
+  bool watch = false;
+  ingest::WatchOptions watching;
+  std::vector<std::string> arguments;  // the whole command line
 };
 
 struct SensorsCommand {
@@ -69,6 +78,19 @@ struct RepairCommand {
   std::string file;  // the new dataset; empty: in place
   bool in_place = false;
   int threads = 0;
+};
+
+struct MergeCommand {
+  OutputOptions output;
+  store::MergeOptions merge;
+};
+
+struct RetainCommand {
+  OutputOptions output;
+  std::string dataset;
+  std::vector<store::AskedWindow> windows;
+  std::string copy;  // the new dataset; empty with in_place
+  bool in_place = false;
 };
 
 struct ExtractCommand {
@@ -142,10 +164,10 @@ struct DemoCommand {
   int threads = 0;
 };
 
-using Command =
-    std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand, VerifyCommand,
-                 RepairCommand, ExtractCommand, PlanCommand, RenderCommand, ExportCommand,
-                 BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
+using Command = std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand,
+                             VerifyCommand, RepairCommand, MergeCommand, RetainCommand,
+                             ExtractCommand, PlanCommand, RenderCommand, ExportCommand,
+                             BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -163,6 +185,8 @@ struct ParseResult {
 [[nodiscard]] Status Run(const StatsCommand& command);
 [[nodiscard]] Status Run(const VerifyCommand& command);
 [[nodiscard]] Status Run(const RepairCommand& command);
+[[nodiscard]] Status Run(const MergeCommand& command);
+[[nodiscard]] Status Run(const RetainCommand& command);
 [[nodiscard]] Status Run(const ExtractCommand& command);
 [[nodiscard]] Status Run(const PlanCommand& command);
 [[nodiscard]] Status Run(const RenderCommand& command);

@@ -341,6 +341,70 @@ void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest) {
             "0.1%: of the range of the first step); verified, step by step");
 }
 
+void AddPartFlags(CLI::App* app, IngestCommand* command) {
+  constexpr const char* kGroup = "Parts on several machines";
+  app->add_option("--plan", command->plan, "Only look through the files, and write this plan")
+      ->type_name("PLAN.json")
+      ->group(kGroup);
+  app->add_option("--from-plan", command->from_plan, "Take files and flags from this plan")
+      ->type_name("PLAN.json")
+      ->group(kGroup);
+  AddParsed(app, "--shard", "I/N", ParseShard, Into(&command->shard),
+            "With --from-plan: make part I, from 0, of N, in NAME.part-I-of-N.zarr")
+      ->needs("--from-plan")
+      ->group(kGroup);
+}
+
+void AddWatchFlags(CLI::App* app, IngestCommand* command) {
+  constexpr const char* kGroup = "Live";
+  CLI::Option* watch =
+      app->add_flag("--watch", command->watch, "Take each new file of the series as it is finished")
+          ->group(kGroup);
+  app->add_option("--watch-seconds", command->watching.idle_seconds,
+                  "End when no file came for so long (default: at Ctrl-C)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("S")
+      ->needs(watch)
+      ->group(kGroup);
+  app->add_option("--gap-seconds", command->watching.gap_seconds,
+                  "How long a missing number is waited for, before --on-missing (default 30)")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("S")
+      ->needs(watch)
+      ->group(kGroup);
+  app->add_option("--poll-seconds", command->watching.poll_seconds,
+                  "How often the folder is looked through (default 1)")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->type_name("S")
+      ->needs(watch)
+      ->group(kGroup);
+}
+
+void AddExtentFlag(CLI::App* app, std::optional<Box3>* extent) {
+  AddParsed(app, "--extent", "X0,Y0,Z0,X1,Y1,Z1", ParseBox, Into(extent),
+            "Box of a new dataset in the files' index space, upper corner not included (default: "
+            "all that is active in any step)");
+}
+
+void AddRetainFlag(CLI::App* app, std::vector<store::AskedWindow>* windows) {
+  const auto callback = [windows](const std::vector<std::string>& texts) {
+    windows->clear();
+    for (const std::string& text : texts) {
+      const StatusOr<store::AskedWindow> window = ParseRetained(text);
+      if (!window.ok()) {
+        throw CLI::ValidationError("--retain", std::string(MessageOf(window.status())));
+      }
+      windows->push_back(*window);
+    }
+  };
+  app->add_option_function<std::vector<std::string>>(
+         "--retain", callback,
+         "Keep only the detail around this fovea, as wide as this rate; give it again for more "
+         "windows (default: keep all)")
+      ->allow_extra_args(false)
+      ->type_name("X,Y,Z[w]:RATE");
+}
+
 void AddPictureInput(CLI::App* app, PictureInput* input) {
   app->add_option("input", input->inputs,
                   "A dataset (NAME.zarr), or foreign files: names, globs, 'smoke.####.vdb'")

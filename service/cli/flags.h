@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "service/cli/commands.h"
 
@@ -26,6 +27,13 @@ void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec);
 void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest);
 /// What coefficients are made: --wavelet, --lossless.
 void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest);
+/// --plan, --from-plan, --shard: a series in parts.
+void AddPartFlags(CLI::App* app, IngestCommand* command);
+/// --watch and what goes with it.
+void AddWatchFlags(CLI::App* app, IngestCommand* command);
+void AddExtentFlag(CLI::App* app, std::optional<Box3>* extent);
+/// --retain, which may be given several times.
+void AddRetainFlag(CLI::App* app, std::vector<store::AskedWindow>* windows);
 /// Positional inputs, --server, --cache, --threads and the foreign flags.
 void AddPictureInput(CLI::App* app, PictureInput* input);
 

@@ -2,6 +2,7 @@
 
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/values.h"
 #include "service/client/client.h"
 #include "service/frames/frames.h"
 #include "service/frames/spec_json.h"
@@ -52,10 +53,40 @@ json ToJson(const client::DatasetSummary& summary) {
                 {"world_unit", info.world_unit},
                 {"first_time_ns", summary.first_time_ns},
                 {"last_time_ns", summary.last_time_ns}};
+  if (!info.retention.empty()) {
+    value["retention"] = json::array();
+    for (const store::RetainedWindow& window : info.retention) {
+      value["retention"].push_back({{"fovea", {window.at.x, window.at.y, window.at.z}},
+                                    {"rate", {window.rate.x, window.rate.y, window.rate.z}}});
+    }
+  }
+  if (info.source) {
+    const store::SourceInfo& source = *info.source;
+    value["source"] = {{"series", source.series},
+                       {"series_steps", source.steps},
+                       {"part", source.part},
+                       {"parts", source.parts},
+                       {"complete", store::IsComplete(info)}};
+  }
   if (summary.default_spec.field) {
     value["default_spec"] = frames::SpecToJson(summary.default_spec);
   }
   return value;
+}
+
+std::string DescribeSource(const store::DatasetInfo& info) {
+  const store::SourceInfo& source = *info.source;
+  if (source.steps == 0) {
+    return "a series that may go on (--watch)";
+  }
+  const std::string part =
+      source.parts > 1
+          ? fmt::format("part {} of {} (from 0), steps {} to {} of {}", source.part, source.parts,
+                        source.FirstStep(), source.LastStep() - 1, source.steps)
+          : fmt::format("a series of {} steps", source.steps);
+  return part + (store::IsComplete(info)
+                     ? ", complete"
+                     : ", not complete: give the same `fovea ingest` command again to go on");
 }
 
 void Print(const client::DatasetSummary& summary) {
@@ -70,6 +101,14 @@ void Print(const client::DatasetSummary& summary) {
   PrintLine(fmt::format("  steps     {}, {:.6g} to {:.6g} s", info.committed_steps,
                         static_cast<double>(summary.first_time_ns) / 1e9,
                         static_cast<double>(summary.last_time_ns) / 1e9));
+  if (info.source) {
+    PrintLine("  source    " + DescribeSource(info));
+  }
+  for (size_t i = 0; i < info.retention.size(); ++i) {
+    PrintLine(fmt::format("  {}  {}{}", i == 0 ? "retained" : "        ",
+                          FormatRetained(info.retention[i]),
+                          i == 0 ? " (detail elsewhere was dropped)" : ""));
+  }
   for (const store::FieldInfo& field : info.fields) {
     const std::string error = field.scales.empty()
                                   ? ""

@@ -1,9 +1,15 @@
 #include "ingest/ingest.h"
 
 #include <filesystem>
+#include <functional>
+#include <utility>
+#include <variant>
 
 #include <nlohmann/json.hpp>
 
+#include "engine/store/merge.h"
+#include "ingest/parts.h"
+#include "ingest/watch.h"
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
 
@@ -11,10 +17,15 @@ namespace fovea::cli {
 namespace {
 
 void PrintReport(const IngestCommand& command, const ingest::IngestReport& report, double seconds) {
+  if (!command.output.json && report.steps_before > 0) {
+    PrintLine(
+        fmt::format("{}: {} steps were there already", command.ingest.output, report.steps_before));
+  }
   const double mib = static_cast<double>(report.input_bytes) / (1 << 20);
   if (command.output.json) {
     PrintJson(nlohmann::json({{"dataset", command.ingest.output},
                               {"steps", report.steps},
+                              {"steps_before", report.steps_before},
                               {"nx", report.dims.x},
                               {"ny", report.dims.y},
                               {"nz", report.dims.z},
@@ -47,22 +58,97 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
       report.read_ms, report.transform_ms, report.write_ms));
 }
 
+/// Calls `work` with a callback that shows progress and says when to stop.
+template <typename Work>
+auto WithProgress(const IngestCommand& command, const char* what, const Work& work) {
+  Progress progress(command.output, what, "steps");
+  const std::function<bool(const ingest::IngestProgress&)> update =
+      [&](const ingest::IngestProgress& now) {
+        progress.Update(now.steps_done, now.steps_total, now.now);
+        return !Interrupted();
+      };
+  return work(update);
+}
+
+Status MakePlan(const IngestCommand& command) {
+  const auto planned = WithProgress(command, "plan", [&](const auto& progress) {
+    return ingest::WritePlan(command.ingest, command.arguments, command.plan, progress);
+  });
+  if (!planned.ok()) {
+    return planned.status();
+  }
+  const Int3 dims = planned->plan.extent.Size();
+  if (command.output.json) {
+    PrintJson(nlohmann::json({{"plan", command.plan},
+                              {"series", planned->series},
+                              {"steps", planned->plan.steps.size()},
+                              {"nx", dims.x},
+                              {"ny", dims.y},
+                              {"nz", dims.z},
+                              {"fields", planned->plan.fields},
+                              {"warnings", planned->plan.warnings}}));
+    return absl::OkStatus();
+  }
+  for (const std::string& warning : planned->plan.warnings) {
+    Note(command.output, "note: " + warning);
+  }
+  PrintLine(fmt::format(
+      "{}: {} steps of {} x {} x {} voxels; `fovea ingest --from-plan {} --shard "
+      "i/n -o NAME.zarr` makes part i, from 0, of n",
+      command.plan, planned->plan.steps.size(), dims.x, dims.y, dims.z, ShellQuote(command.plan)));
+  return absl::OkStatus();
+}
+
+/// The flags of the command line that the plan was made with.
+StatusOr<ingest::IngestOptions> OptionsOf(const ingest::PlanFile& plan, const std::string& path) {
+  const ParseResult parsed = ParseCommandLine(plan.arguments);
+  const auto* command = parsed.command ? std::get_if<IngestCommand>(&*parsed.command) : nullptr;
+  if (command == nullptr || command->plan.empty()) {
+    return FailedPrecondition("{} was made by another version of fovea: plan again", path);
+  }
+  return command->ingest;
+}
+
+StatusOr<ingest::IngestReport> MakePart(IngestCommand* command) {
+  FOVEA_ASSIGN_OR_RETURN(const ingest::PlanFile plan, ingest::ReadPlan(command->from_plan));
+  FOVEA_ASSIGN_OR_RETURN(ingest::IngestOptions options, OptionsOf(plan, command->from_plan));
+  options.output = command->ingest.output;
+  options.threads = command->ingest.threads;
+  options.worker = command->ingest.worker;
+  const Shard shard = command->shard.value_or(Shard{});
+  auto report = WithProgress(*command, "ingest", [&](const auto& progress) {
+    return ingest::IngestPart(options, plan, shard.index, shard.count, progress);
+  });
+  if (shard.count > 1) {
+    command->ingest.output = store::PartPath(options.output, shard.index, shard.count);
+  }
+  return report;
+}
+
+StatusOr<ingest::IngestReport> Make(IngestCommand* command) {
+  if (!command->from_plan.empty()) {
+    return MakePart(command);
+  }
+  return WithProgress(*command, "ingest", [&](const auto& progress) {
+    return command->watch ? ingest::Watch(command->ingest, command->watching, progress)
+                          : ingest::Ingest(command->ingest, progress);
+  });
+}
+
 }  // namespace
 
-Status Run(const IngestCommand& command) {
+Status Run(const IngestCommand& asked) {
+  if (!asked.plan.empty()) {
+    return MakePlan(asked);
+  }
+  IngestCommand command = asked;
   const Stopwatch watch;
   const std::filesystem::path folder = std::filesystem::path(command.ingest.output).parent_path();
   std::error_code ignored;  // what cannot be made is reported by the store, with its path
   if (!folder.empty() && !command.ingest.append) {
     std::filesystem::create_directories(folder, ignored);
   }
-  StatusOr<ingest::IngestReport> report = [&] {
-    Progress progress(command.output, "ingest", "steps");
-    return ingest::Ingest(command.ingest, [&](const ingest::IngestProgress& now) {
-      progress.Update(now.steps_done, now.steps_total, now.now);
-      return !Interrupted();
-    });
-  }();
+  const StatusOr<ingest::IngestReport> report = Make(&command);
   if (!report.ok()) {
     return report.status();
   }

@@ -97,6 +97,8 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   Offer(AddStats, &app, &verbs);
   Offer(AddVerify, &app, &verbs);
   Offer(AddRepair, &app, &verbs);
+  Offer(AddMerge, &app, &verbs);
+  Offer(AddRetain, &app, &verbs);
   Offer(AddExtract, &app, &verbs);
   Offer(AddPlan, &app, &verbs);
   Offer(AddRender, &app, &verbs);
@@ -121,7 +123,11 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
             error.get_exit_code() == 1 ? 1 : 2};
   }
   const auto is_given = [](const Verb& verb) { return verb.app->parsed(); };
-  return std::find_if(verbs.begin(), verbs.end(), is_given)->take();
+  ParseResult result = std::find_if(verbs.begin(), verbs.end(), is_given)->take();
+  if (auto* ingest = result.command ? std::get_if<IngestCommand>(&*result.command) : nullptr) {
+    ingest->arguments = arguments;
+  }
+  return result;
 }
 
 }  // namespace fovea::cli

@@ -63,6 +63,13 @@ Status Run(const PlanCommand& command) {
           ? frames::PlanFrame(*dataset, command.step, resolved, command.threads)
           : frames::PlanWithin(*dataset, command.step, resolved, command.budget, command.threads));
   const std::string flags = PinningFlags(plan.used, dataset->info().hierarchy.dims());
+  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
+                         RetainedSet::Make(dataset->info().hierarchy, frames::FoveaOf(plan.used)));
+  const std::optional<frames::Warning> warning =
+      frames::RetentionWarning(dataset->info(), retained);
+  if (warning) {
+    Note(command.output, "warning: " + warning->message);
+  }
   if (command.output.json) {
     PrintJson(ToJson(command, plan, flags));
   } else {

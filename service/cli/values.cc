@@ -42,6 +42,21 @@ StatusOr<Rate> ParseRate(std::string_view text) {
   return Rate(along[0], along[1], along[2]);
 }
 
+StatusOr<store::AskedWindow> ParseRetained(std::string_view text) {
+  const size_t colon = text.rfind(':');
+  const auto position = ParsePosition(text.substr(0, colon));
+  const auto rate = colon == std::string_view::npos ? StatusOr<Rate>(InvalidArgument("no rate"))
+                                                    : ParseRate(text.substr(colon + 1));
+  if (!position.ok() || !rate.ok()) {
+    return InvalidArgument("'{}' is not X,Y,Z:RATE (voxels) or X,Y,Zw:RATE (world units)", text);
+  }
+  return store::AskedWindow{{position->at, *rate}, position->world};
+}
+
+std::string FormatRetained(const store::RetainedWindow& window) {
+  return fmt::format("{}:{}", FormatPosition({window.at, false}), FormatRate(window.rate));
+}
+
 StatusOr<WindowShape> ParseWindow(std::string_view text) {
   for (const auto window : {WindowShape::kCube, WindowShape::kSphere, WindowShape::kSmooth}) {
     if (text == WindowName(window)) {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "engine/base/status.h"
+#include "engine/store/retention.h"
 #include "engine/volume/geometry.h"
 #include "service/frames/spec.h"
 
@@ -34,6 +35,9 @@ struct Shard {
 [[nodiscard]] StatusOr<frames::Position> ParsePosition(std::string_view text);
 /// 'R', or 'RX,RY,RZ'.
 [[nodiscard]] StatusOr<Rate> ParseRate(std::string_view text);
+/// 'X,Y,Z:RATE' or 'X,Y,Zw:RATE': a window to retain.
+[[nodiscard]] StatusOr<store::AskedWindow> ParseRetained(std::string_view text);
+[[nodiscard]] std::string FormatRetained(const store::RetainedWindow& window);
 /// 'cube', 'sphere' or 'smooth'.
 [[nodiscard]] StatusOr<WindowShape> ParseWindow(std::string_view text);
 /// 'X,Y,Z', a direction.

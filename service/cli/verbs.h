@@ -19,6 +19,8 @@ CLI::App* AddInfo(CLI::App* app, InfoCommand* command);
 CLI::App* AddStats(CLI::App* app, StatsCommand* command);
 CLI::App* AddVerify(CLI::App* app, VerifyCommand* command);
 CLI::App* AddRepair(CLI::App* app, RepairCommand* command);
+CLI::App* AddMerge(CLI::App* app, MergeCommand* command);
+CLI::App* AddRetain(CLI::App* app, RetainCommand* command);
 CLI::App* AddExtract(CLI::App* app, ExtractCommand* command);
 CLI::App* AddPlan(CLI::App* app, PlanCommand* command);
 CLI::App* AddRender(CLI::App* app, RenderCommand* command);
@@ -30,8 +32,10 @@ CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 
 /// May also fill in what follows from the rest. A verb without one has nothing to check.
 [[nodiscard]] Status Check(SensorsCommand* command);
+[[nodiscard]] Status Check(IngestCommand* command);
 [[nodiscard]] Status Check(InfoCommand* command);
 [[nodiscard]] Status Check(RepairCommand* command);
+[[nodiscard]] Status Check(RetainCommand* command);
 [[nodiscard]] Status Check(ExtractCommand* command);
 [[nodiscard]] Status Check(PlanCommand* command);
 [[nodiscard]] Status Check(RenderCommand* command);

@@ -9,6 +9,22 @@
 
 namespace fovea::cli {
 
+namespace {
+
+/// With --from-plan only the flags of how, not of what, can be given.
+void ExcludeWhatAPlanSays(CLI::App* verb) {
+  CLI::Option* from_plan = verb->get_option("--from-plan");
+  for (CLI::Option* option : verb->get_options()) {
+    const std::string name = option->get_name();
+    if (name != "--help" && name != "--output" && name != "--shard" && name != "--from-plan" &&
+        !name.starts_with("--worker")) {
+      from_plan->excludes(option);
+    }
+  }
+}
+
+}  // namespace
+
 CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
   CLI::App* verb = AddVerb(
       app, "ingest", "Make a dataset of VDB files and sequences, or of raw voxels",
@@ -16,12 +32,15 @@ CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
       "  fovea ingest 'smoke_*.vdb' --grid density --grid temperature -o smoke.zarr\n"
       "  fovea ingest bonsai.raw --raw 256x256x256:uint8 -o bonsai.zarr\n"
       "  fovea ingest 'fmri_%04d.raw' --raw 64x64x21:int16:be --fps 0.5 -o fmri.zarr\n"
-      "What is committed stays, whatever happens later: Ctrl-C loses at most the step in hand.");
+      "  fovea ingest 'live/smoke_####.vdb' -o smoke.zarr --watch --extent -64,-64,0,64,64,256\n"
+      "  fovea ingest 'smoke_####.vdb' --plan smoke.plan.json    # then, on several machines:\n"
+      "  fovea ingest --from-plan smoke.plan.json --shard 0/4 -o smoke.zarr\n"
+      "What is committed stays, whatever happens later: Ctrl-C loses at most the step in hand, "
+      "and\n"
+      "the same command goes on at the first missing step.");
   verb->add_option("input", command->ingest.inputs, "Files, globs, or 'smoke_####.vdb'")
-      ->required()
       ->type_name("INPUT...");
   verb->add_option("-o,--output", command->ingest.output, "The dataset to make")
-      ->required()
       ->type_name("DS.zarr");
   verb->add_option("--field", command->ingest.field,
                    "With --raw: what the values are called "
@@ -37,11 +56,30 @@ CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
                    "coefficients (default 16)")
       ->check(CLI::IsMember({8, 16, 32}))
       ->type_name("C");
+  AddExtentFlag(verb, &command->ingest.extent);
+  AddRetainFlag(verb, &command->ingest.retain);
   AddBasisFlags(verb, &command->ingest);
   AddForeignFlags(verb, &command->ingest);
+  AddPartFlags(verb, command);
+  AddWatchFlags(verb, command);
+  ExcludeWhatAPlanSays(verb);
   AddThreadsFlag(verb, &command->ingest.threads);
   AddOutputFlags(verb, &command->output);
   return verb;
+}
+
+Status Check(IngestCommand* command) {
+  if (command->from_plan.empty() && command->ingest.inputs.empty()) {
+    return InvalidArgument("input is missing: name the files to ingest, or a plan (--from-plan)");
+  }
+  if (command->plan.empty() && command->ingest.output.empty()) {
+    return InvalidArgument("--output is missing: name the dataset to make (-o)");
+  }
+  if (!command->plan.empty() && (command->watch || command->ingest.append)) {
+    return InvalidArgument("--plan: a plan is of a whole, new series, without {}",
+                           command->watch ? "--watch" : "--append");
+  }
+  return absl::OkStatus();
 }
 
 CLI::App* AddInfo(CLI::App* app, InfoCommand* command) {

@@ -11,6 +11,7 @@
 #include "engine/fovea/reconstruct.h"
 #include "engine/render/fused.h"
 #include "engine/render/perspective.h"
+#include "engine/store/retention.h"
 #include "service/frames/encode.h"
 #include "service/frames/marker.h"
 
@@ -122,6 +123,18 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
 
 }  // namespace
 
+std::optional<Warning> RetentionWarning(const store::DatasetInfo& info,
+                                        const RetainedSet& retained) {
+  const StatusOr<store::RetainedChunks> kept = store::RetainedChunks::Make(info);
+  if (!kept.ok() || kept->Covers(retained)) {
+    return std::nullopt;
+  }
+  return Warning{
+      "the fovea's window reaches outside what the dataset retains: coarser values show "
+      "there; `fovea info` lists its windows",
+      0, Warning::Code::kNotRetained};
+}
+
 render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads) {
   render::RenderSettings settings;
   if (const auto& camera = resolved.view.perspective) {
@@ -196,6 +209,9 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
     AddReadStats(sources.color->read_stats(), *resolved.color_field, &frame);
   }
 
+  if (std::optional<Warning> warning = RetentionWarning(info, retained)) {
+    frame.warnings.push_back(*std::move(warning));
+  }
   Stopwatch watch;
   if (resolved.fovea_marker && resolved.encoding != Encoding::kRawRgbaF32) {
     if (const auto pixel = PixelOf(resolved.fovea->at, settings, info)) {

@@ -1,6 +1,7 @@
 #ifndef SERVICE_FRAMES_FRAMES_H_
 #define SERVICE_FRAMES_FRAMES_H_
 
+#include <optional>
 #include <string>
 
 #include "engine/base/status.h"
@@ -36,6 +37,10 @@ namespace fovea::frames {
 
 /// What the renderer is told for a spec that came from ResolveSpec.
 [[nodiscard]] render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads);
+
+/// A warning if `retained` reaches outside the windows that the dataset keeps detail in.
+[[nodiscard]] std::optional<Warning> RetentionWarning(const store::DatasetInfo& info,
+                                                      const RetainedSet& retained);
 
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
 /// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,

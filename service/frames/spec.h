@@ -110,9 +110,15 @@ struct FrameStats {
 };
 
 struct Warning {
+  enum class Code {
+    kDataLoss,     // damaged chunks were left out
+    kNotRetained,  // the window reaches where the dataset keeps no detail
+  };
   std::string message;
   uint64_t count = 0;  // damaged chunks
+  Code code = Code::kDataLoss;
 };
+[[nodiscard]] const char* WarningName(Warning::Code code);
 
 struct Frame {
   std::string dataset;

@@ -238,6 +238,10 @@ json SpecToJson(const FrameSpec& spec) {
   return result;
 }
 
+const char* WarningName(Warning::Code code) {
+  return code == Warning::Code::kNotRetained ? "NOT_RETAINED" : "DATA_LOSS";
+}
+
 json FrameToJson(const Frame& frame) {
   json result = {{"dataset", frame.dataset},
                  {"step", frame.step},
@@ -253,8 +257,9 @@ json FrameToJson(const Frame& frame) {
     result["frame_number"] = *frame.frame_number;
   }
   for (const Warning& warning : frame.warnings) {
-    result["warnings"].push_back(
-        {{"code", "DATA_LOSS"}, {"message", warning.message}, {"count", warning.count}});
+    result["warnings"].push_back({{"code", WarningName(warning.code)},
+                                  {"message", warning.message},
+                                  {"count", warning.count}});
   }
   return result;
 }

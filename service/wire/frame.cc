@@ -83,7 +83,8 @@ v1::Frame ToProto(frames::Frame frame) {
   proto.set_index(frame.index);
   for (frames::Warning& warning : frame.warnings) {
     v1::Warning& out = *proto.add_warnings();
-    out.set_code(v1::Warning::DATA_LOSS);
+    out.set_code(warning.code == frames::Warning::Code::kNotRetained ? v1::Warning::NOT_RETAINED
+                                                                     : v1::Warning::DATA_LOSS);
     out.set_message(std::move(warning.message));
     out.set_count(warning.count);
   }
@@ -116,7 +117,10 @@ StatusOr<frames::Frame> FromProto(v1::Frame proto) {
   frame.stats = FromProto(proto.stats());
   frame.index = proto.index();
   for (const v1::Warning& warning : proto.warnings()) {
-    frame.warnings.push_back({warning.message(), warning.count()});
+    const bool not_retained = warning.code() == v1::Warning::NOT_RETAINED;
+    frame.warnings.push_back(
+        {warning.message(), warning.count(),
+         not_retained ? frames::Warning::Code::kNotRetained : frames::Warning::Code::kDataLoss});
   }
   return frame;
 }

@@ -242,6 +242,31 @@ int SimulatedDisk::Rename(const std::string& from, const std::string& to) {
   return 0;
 }
 
+int SimulatedDisk::Link(const std::string& from, const std::string& to) {
+  const std::lock_guard lock(mutex_);
+  if (const int fault = Fault(Operation::kLink, to); fault != 0) {
+    return fault;
+  }
+  Place source;
+  Place target;
+  for (const auto& [path, place] : {std::pair(&from, &source), std::pair(&to, &target)}) {
+    if (const int found = Find(*path, place); found != 0) {
+      return found;
+    }
+  }
+  if (!source.node) {
+    return -ENOENT;
+  }
+  if (nodes_[*source.node].is_directory) {
+    return -EPERM;
+  }
+  if (target.node) {
+    return -EEXIST;
+  }
+  Apply({{target.directory, target.name, source.node}});
+  return 0;
+}
+
 int SimulatedDisk::RemoveName(const std::string& path, bool is_directory) {
   Place place;
   if (const int found = Find(path, &place); found != 0) {

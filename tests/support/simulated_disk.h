@@ -19,7 +19,7 @@ namespace fovea::testing {
 /// A disk in memory. It keeps only what was flushed: the bytes of a file when the file was, names
 /// (made, replaced, removed) when their directory was; of the rest a power cut keeps any subset.
 /// Calls can be made to fail, reads and writes to be short, handles to run out. Paths are from its
-/// root, with or without '/' in front. No links, no permissions. Thread-safe, but for the
+/// root, with or without '/' in front. No symbolic links, no permissions. Thread-safe, but for the
 /// settings.
 class SimulatedDisk final : public store::FileSystem {
  public:
@@ -34,6 +34,7 @@ class SimulatedDisk final : public store::FileSystem {
     kFlushDirectory,
     kLock,
     kRename,
+    kLink,
     kRemove,
     kMakeDirectory,
     kRemoveDirectory,
@@ -42,7 +43,7 @@ class SimulatedDisk final : public store::FileSystem {
   struct Call {
     int64_t index = 0;  // 0, 1 ... since the disk was made
     Operation operation = Operation::kOpen;
-    std::string path;  // of a rename: its target
+    std::string path;  // of a rename or link: its target
   };
   /// Whether a call changes what is, or will be, on the disk.
   [[nodiscard]] static bool Changes(Operation operation);
@@ -91,6 +92,7 @@ class SimulatedDisk final : public store::FileSystem {
   [[nodiscard]] int Flush(int handle) override;
   [[nodiscard]] int Lock(int handle) override;
   [[nodiscard]] int Rename(const std::string& from, const std::string& to) override;
+  [[nodiscard]] int Link(const std::string& from, const std::string& to) override;
   [[nodiscard]] int Remove(const std::string& path) override;
   [[nodiscard]] int MakeDirectory(const std::string& path) override;
   [[nodiscard]] int RemoveDirectory(const std::string& path) override;

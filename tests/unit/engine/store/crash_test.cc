@@ -18,6 +18,7 @@
 #include "engine/store/file.h"
 #include "engine/store/repair.h"
 #include "engine/store/verify.h"
+#include "tests/support/crash_everywhere.h"
 #include "tests/support/simulated_disk.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/engine/store/store_test_util.h"
@@ -25,11 +26,11 @@
 namespace fovea::store {
 namespace {
 
+using ::fovea::testing::CrashEverywhere;
 using ::fovea::testing::SimulatedDisk;
 using testing::MakeInfo;
 using testing::MakeStep;
 using Call = SimulatedDisk::Call;
-using Kept = SimulatedDisk::Kept;
 
 constexpr Int3 kDims{20, 12, 9};
 constexpr int64_t kEdge = 8;
@@ -105,86 +106,6 @@ void ExpectRecovers(SimulatedDisk* disk, int64_t least, int64_t most) {
   ASSERT_OK(testing::WriteSteps(writer->get(), 1));
   ExpectNothingLeftOver(*disk, steps + 1);
   EXPECT_EQ(ExpectWholeSteps(disk), steps + 1);
-}
-
-/// What the disk may hold after a power cut: all subsets of few changes; of many, none, all, each
-/// alone, all but each, and some that chance says.
-std::vector<std::vector<bool>> Subsets(size_t changes, std::mt19937* random) {
-  std::vector<std::vector<bool>> subsets;
-  if (changes <= 5) {
-    for (size_t bits = 0; bits < (size_t{1} << changes); ++bits) {
-      subsets.emplace_back(changes);
-      for (size_t i = 0; i < changes; ++i) {
-        subsets.back()[i] = (bits >> i & 1) != 0;
-      }
-    }
-    return subsets;
-  }
-  subsets = {std::vector<bool>(changes, false), std::vector<bool>(changes, true)};
-  for (size_t i = 0; i < changes; ++i) {
-    subsets.emplace_back(changes, false);
-    subsets.back()[i] = true;
-    subsets.emplace_back(changes, true);
-    subsets.back()[i] = false;
-  }
-  for (int i = 0; i < 5; ++i) {
-    subsets.emplace_back(changes);
-    std::generate(subsets.back().begin(), subsets.back().end(), [&] { return (*random)() % 2; });
-  }
-  return subsets;
-}
-
-/// Calls `check` with every different disk that an accident now could leave. Returns how many.
-size_t ForEachWreck(const SimulatedDisk& disk, std::mt19937* random,
-                    std::set<std::map<std::string, std::vector<std::byte>>>* seen,
-                    const std::function<void(SimulatedDisk*)>& check) {
-  size_t wrecks = 0;
-  const auto one = [&](const std::unique_ptr<SimulatedDisk>& wreck) {
-    if (seen->insert(wreck->Files()).second) {
-      ++wrecks;
-      check(wreck.get());
-    }
-  };
-  one(disk.AfterKill());
-  for (const std::vector<bool>& subset : Subsets(disk.UnflushedNames(), random)) {
-    const auto kept = static_cast<Kept>((*random)() % 4);
-    one(disk.AfterPowerCut([&](size_t i) { return subset[i]; }, kept));
-  }
-  return wrecks;
-}
-
-/// Runs `work` again and again, each time on what `make` makes; in run i the disk is gone from
-/// changing call i on. `check` sees what is left. Ends when a run was not disturbed.
-void CrashEverywhere(const std::function<std::unique_ptr<SimulatedDisk>()>& make,
-                     const std::function<Status(SimulatedDisk*)>& work,
-                     const std::function<void(SimulatedDisk*)>& check) {
-  std::mt19937 random(7);
-  std::set<std::map<std::string, std::vector<std::byte>>> seen;
-  size_t wrecks = 0;
-  for (int64_t crash = 0;; ++crash) {
-    const std::unique_ptr<SimulatedDisk> disk = make();
-    int64_t changes = 0;
-    Call last;
-    disk->set_fault([&](const Call& call) {
-      if (changes == crash) {
-        return -EIO;
-      }
-      last = call;
-      changes += SimulatedDisk::Changes(call.operation) ? 1 : 0;
-      return 0;
-    });
-    const Status status = work(disk.get());
-    if (changes < crash) {
-      EXPECT_OK(status);
-      std::cout << crash << " calls, " << wrecks << " different wrecks\n";
-      return;
-    }
-    SCOPED_TRACE(fmt::format("after call {} ({})", crash, last.path));
-    wrecks += ForEachWreck(*disk, &random, &seen, check);
-    if (::testing::Test::HasFailure()) {
-      return;
-    }
-  }
 }
 
 std::unique_ptr<SimulatedDisk> DiskWithSteps(int64_t steps) {

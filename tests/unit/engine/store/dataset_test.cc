@@ -129,7 +129,7 @@ TEST(Dataset, KeepsWhatItIsToldAboutTheData) {
   EXPECT_EQ(read.index_to_world, info.index_to_world);
   EXPECT_EQ(read.world_unit, "mm");
   EXPECT_EQ(read.clock, info.clock);
-  EXPECT_EQ(read.retention, "all");
+  EXPECT_TRUE(read.retention.empty());
   EXPECT_EQ(read.wavelet, "haar");
   EXPECT_EQ(read.default_field, "temperature");
   EXPECT_EQ(read.chunk_edge, 8);

@@ -1,0 +1,43 @@
+#include <filesystem>
+
+#include "ingest/given.h"
+#include "ingest/payload.h"
+#include "ingest/protocol.h"
+
+namespace fovea::ingest {
+namespace {
+
+std::string FileName(const std::string& path) {
+  return std::filesystem::path(path).filename().string();
+}
+
+}  // namespace
+
+std::string IdentityOf(const std::string& text) {
+  uint64_t hash = 14695981039346656037ULL;  // FNV-1a, 64 bits
+  for (const char c : text) {
+    hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+std::string SeriesIdentity(const std::vector<ScannedFile>& files, const SeriesPlan& plan) {
+  PayloadWriter text;
+  for (const ScannedFile& file : files) {
+    text.Text(FileName(file.file.path)).Text(Encode(file.info).payload);
+    text.Number(static_cast<uint8_t>(file.file.held));
+  }
+  for (const std::string& field : plan.fields) {
+    text.Text(field);
+  }
+  for (const PlannedStep& step : plan.steps) {
+    text.Number(step.time_ns).Number(static_cast<uint8_t>(step.frame_number.has_value()));
+    text.Number(step.frame_number.value_or(0));
+    for (const FieldSource& source : step.sources) {
+      text.Text(FileName(source.path)).Text(source.grid).Number(source.step_in_file);
+    }
+  }
+  return IdentityOf(text.Take());
+}
+
+}  // namespace fovea::ingest
