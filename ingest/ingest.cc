@@ -306,6 +306,15 @@ Status Run::GoOnWithStore(bool from_voxels) {
   if (!(there.source == source_)) {
     return IsThere(options_, ", made of other files or at other times");
   }
+  if (options_.tolerance) {
+    const auto is_alike = [&](const store::FieldInfo& field) {
+      return !field.scales.empty() && field.tolerance == *options_.tolerance;
+    };
+    if (std::none_of(there.fields.begin(), there.fields.end(), is_alike)) {
+      return IsThere(options_, ", and its tolerance is another");
+    }
+    codings_ = there.fields;  // their scales were chosen by the first step
+  }
   std::string difference = store::DifferenceInMaking(there, NewInfo());
   if (difference == "extent" && !from_voxels && given_.scanned.empty() && !options_.raw) {
     // It may have been begun again then with the boxes found from the voxels.

@@ -167,6 +167,11 @@ StatusOr<IngestReport> IngestPart(const IngestOptions& options, const PlanFile& 
   if (options.output.empty()) {
     return InvalidArgument("no dataset to write was named");
   }
+  if (parts > 1 && options.tolerance) {
+    return InvalidArgument(
+        "--tolerance: each part would choose scales by its own first step: make it in one piece, "
+        "without --shard");
+  }
   IngestOptions of_part = options;
   if (parts > 1) {
     of_part.output = store::PartPath(options.output, part, parts);
