@@ -132,7 +132,7 @@ class StoredStep final : public StepSource {
   std::atomic<uint64_t> chunks_read_{0};
   std::atomic<uint64_t> bytes_read_{0};
   mutable std::mutex damaged_mutex_;
-  std::set<std::array<int64_t, 4>> damaged_;  // level, z, y, x: however often they are read
+  std::set<std::array<int64_t, 4>> damaged_;  // level (tables: -2 - level), z, y, x
   std::atomic<int64_t> decode_ns_{0};
 };
 
@@ -212,7 +212,10 @@ StatusOr<Stored> StoredStep::IsStored(const Window& window, const Int3& chunk, B
     uint64_t bytes = 0;
     const StatusOr<const std::vector<float>*> read = window.table.Block(at, &bytes);
     bytes_read_ += bytes;
-    if (!read.ok()) {
+    if (absl::IsDataLoss(read.status()) && on_damage_ == OnDamage::kCount) {
+      // One piece, however many of its chunks are asked for; they are looked for in their shards.
+      CountDamaged({-2 - window.layout.level, at.z, at.y, at.x});
+    } else if (!read.ok()) {
       FOVEA_RETURN_IF_ERROR(Damaged(window.layout, chunk, read.status()));
     } else if (!(*read)->empty()) {
       block->second = *read;

@@ -9,6 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <charconv>
 #include <chrono>
 #include <csignal>
@@ -158,10 +159,24 @@ bool LeftSomething(const std::string& path, int64_t steps) {
   return false;
 }
 
+/// Waits until there are more than `before` steps, 10 seconds at most.
+void WaitForStep(const std::string& path, int64_t before) {
+  for (int i = 0; i < 10'000; ++i) {
+    const auto dataset = Dataset::Open(path);
+    if (dataset.ok() && (*dataset)->info().committed_steps > std::max<int64_t>(before, 0)) {
+      return;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
 /// Kills one writer at a random moment. The committed steps then, -1 if there is no store.
 StatusOr<int64_t> KillOnce(const std::string& path, int64_t before, std::mt19937_64* random,
                            Tally* tally) {
   const pid_t writer = Start({"--write", path});
+  if ((*random)() % 2 == 0) {  // once it has committed something, however slow the machine is
+    WaitForStep(path, before);
+  }
   std::this_thread::sleep_for(std::chrono::microseconds((*random)() % 60'000));
   ::kill(writer, SIGKILL);
   int status = 0;
