@@ -313,7 +313,9 @@ Status SensorRun::CreateStore() {
   info.chunk_edge = options_.chunk_edge;
   info.default_field = report_.fields.front();
   for (const std::string& name : report_.fields) {
-    info.fields.emplace_back().name = name;
+    store::FieldInfo& field = info.fields.emplace_back();
+    field.name = name;
+    field.value_unit = options_.value_unit;
   }
   info.fields.emplace_back().name = kCoverageField;
   FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, info));

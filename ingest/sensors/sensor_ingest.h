@@ -51,7 +51,7 @@ struct SensorOptions {
   double greatest_value = std::numeric_limits<double>::infinity();
   sensors::Duplicates duplicates = sensors::Duplicates::kLast;
   sensors::FillRule fill;
-  std::string world_unit, clock;
+  std::string world_unit, value_unit, clock;  // value_unit: of all channels
   int64_t chunk_edge = 16;
   bool append = false;
 };

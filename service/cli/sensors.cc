@@ -169,6 +169,9 @@ void AddInputFlags(CLI::App* verb, SensorOptions* ingest) {
         return absl::OkStatus();
       },
       "Between the fields of a CSV line (default: tab, semicolon or comma, as the first line has)");
+}
+
+void AddReadingFlags(CLI::App* verb, SensorOptions* ingest) {
   AddText(
       verb, "--time-unit", "U",
       [=](std::string_view text) {
@@ -369,6 +372,7 @@ CLI::App* AddSensors(CLI::App* app, SensorsCommand* command) {
       "'coverage'\nsays where: 1 measured, 1/w from a super-voxel w voxels wide. Ctrl-C keeps all "
       "steps that are complete.");
   AddInputFlags(verb, &command->ingest);
+  AddReadingFlags(verb, &command->ingest);
   verb->add_option("-o,--output", command->ingest.output, "The dataset to make")
       ->required()
       ->type_name("DS.zarr");
@@ -382,6 +386,9 @@ CLI::App* AddSensors(CLI::App* app, SensorsCommand* command) {
   AddStepFlags(verb, &command->ingest);
   AddVoxelFlags(verb, &command->ingest);
   verb->add_option("--world-unit", command->ingest.world_unit, "The unit of places, such as m")
+      ->type_name("U");
+  verb->add_option("--value-unit", command->ingest.value_unit,
+                   "The unit of the values, such as dBZ")
       ->type_name("U");
   verb->add_option("--clock", command->ingest.clock, "What time 0 is, in words")->type_name("TEXT");
   verb->add_flag("--append", command->ingest.append, "Add steps to a dataset that is there");

@@ -113,7 +113,8 @@ void ExpectSameStores(const std::string& a, const std::string& b, int64_t steps)
 
 TEST_F(SensorsTest, VoxelsHoldTheMeansOfTheirReadings) {
   const std::vector<Row> rows = SomeRows(3000, 1);
-  const SensorOptions options = Options("a.f32", Records(rows));
+  SensorOptions options = Options("a.f32", Records(rows));
+  options.value_unit = "K";
   ASSERT_OK_AND_ASSIGN(const SensorReport report, Ingest(options));
   EXPECT_EQ(report.steps, 1);
   EXPECT_EQ(report.counts.used, 3000);
@@ -148,6 +149,8 @@ TEST_F(SensorsTest, VoxelsHoldTheMeansOfTheirReadings) {
   ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
   const Vec3 world = dataset->info().index_to_world.TransformPoint({1, 2, 3});
   EXPECT_EQ(world, (Vec3{2, 4, 6}));
+  EXPECT_EQ(dataset->info().fields.at(0).value_unit, "");  // coverage
+  EXPECT_EQ(dataset->info().fields.at(1).value_unit, "K");
 }
 
 TEST_F(SensorsTest, ThreeFormatsMakeOneStore) {

@@ -92,6 +92,8 @@ TEST(Parse, SensorsTakesEveryFlag) {
                                                "9",
                                                "--world-unit",
                                                "m",
+                                               "--value-unit",
+                                               "dBZ",
                                                "--clock",
                                                "UTC",
                                                "--chunk",
@@ -120,6 +122,7 @@ TEST(Parse, SensorsTakesEveryFlag) {
   EXPECT_EQ(ingest.steps.most_ahead, 9);
   EXPECT_EQ(ingest.steps.on_empty, sensors::OnEmpty::kHold);
   EXPECT_EQ(ingest.world_unit, "m");
+  EXPECT_EQ(ingest.value_unit, "dBZ");
   EXPECT_EQ(ingest.clock, "UTC");
   EXPECT_EQ(ingest.chunk_edge, 8);
   const auto plain = Parsed<SensorsCommand>({"sensors", "-", "-o", "x.zarr", "--step-key", "scan"});
