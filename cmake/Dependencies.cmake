@@ -13,6 +13,12 @@ find_package(zstd 1.5 CONFIG REQUIRED)
 find_package(hwy 1.0.3 CONFIG REQUIRED)       # Highway: SIMD chosen at run time
 pkg_check_modules(ISAL REQUIRED IMPORTED_TARGET GLOBAL libisal>=2.30)   # CRC32C; ships no CMake config
 find_package(ZLIB REQUIRED)
+# Not find_package(NIFTI): the config in Debian's libnifti-dev names files that it does not install.
+find_path(NIFTI_INCLUDE nifti2_io.h PATH_SUFFIXES nifti REQUIRED)
+find_library(NIFTI2_LIBRARY nifti2 REQUIRED)
+add_library(fovea_nifti INTERFACE)
+target_include_directories(fovea_nifti SYSTEM INTERFACE ${NIFTI_INCLUDE})
+target_link_libraries(fovea_nifti INTERFACE ${NIFTI2_LIBRARY})
 find_package(PNG REQUIRED)
 find_package(JPEG REQUIRED)
 block()                                       # OpenVDB's module folder also holds FindTBB, FindOpenEXR, ...

@@ -20,7 +20,8 @@ namespace fs = std::filesystem;
 
 constexpr size_t kMaxSteps = 1'000'000;
 
-Status CheckFile(const std::string& path) {
+/// A regular file, or a folder; whether it is a folder.
+StatusOr<bool> CheckInput(const std::string& path) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (status.type() == fs::file_type::not_found) {
@@ -29,13 +30,10 @@ Status CheckFile(const std::string& path) {
   if (error) {
     return NotFound("cannot look at '{}': {}", path, error.message());
   }
-  if (fs::is_directory(status)) {
-    return InvalidArgument("'{}' is a folder: name the files in it, e.g. '{}/*.vdb'", path, path);
-  }
-  if (!fs::is_regular_file(status)) {
+  if (!fs::is_directory(status) && !fs::is_regular_file(status)) {
     return InvalidArgument("'{}' is not a regular file", path);
   }
-  return absl::OkStatus();
+  return fs::is_directory(status);
 }
 
 /// "the folder holds 3 other files, e.g. 'a.vdb'", to help with a pattern that fits nothing.
@@ -109,7 +107,9 @@ StatusOr<std::vector<SequenceFile>> ExpandInput(const std::string& input) {
   }
   std::error_code error;
   if (fs::exists(input, error)) {
-    return std::vector<SequenceFile>{{input, std::nullopt, false, {}}};
+    const size_t end = input.find_last_not_of('/');  // of a folder's name
+    return std::vector<SequenceFile>{
+        {end == std::string::npos ? input : input.substr(0, end + 1), std::nullopt, false, {}}};
   }
   FOVEA_ASSIGN_OR_RETURN(const std::optional<NamePattern> pattern,
                          NamePattern::Parse(fs::path(input).filename().string()));
@@ -126,6 +126,55 @@ StatusOr<std::vector<SequenceFile>> ExpandInput(const std::string& input) {
 
 std::string FileName(const SequenceFile& file) {
   return fs::path(file.path).filename().string();
+}
+
+/// A folder stands for the pictures in it, in natural order: the slices of one step.
+Status OpenFolder(SequenceFile* folder) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator entries(folder->path, error);
+       !error && entries != fs::directory_iterator(); entries.increment(error)) {
+    const std::string name = entries->path().filename().string();
+    if (!name.starts_with('.') && FormatByName(name) == FileFormat::kPicture) {
+      names.push_back(name);
+    }
+  }
+  if (error) {
+    return NotFound("cannot list folder '{}': {}", folder->path, error.message());
+  }
+  if (names.empty()) {
+    return InvalidArgument(
+        "'{}' is a folder without pictures: name the files in it, e.g. '{}/*.vdb'", folder->path,
+        folder->path);
+  }
+  std::sort(names.begin(), names.end(), NaturalLess);
+  const fs::path parent(folder->path);
+  folder->path = (parent / names.front()).string();
+  for (size_t i = 1; i < names.size(); ++i) {
+    folder->further.push_back((parent / names[i]).string());
+  }
+  return absl::OkStatus();
+}
+
+/// Folders become the pictures in them; pictures named one by one are the slices of one set.
+StatusOr<std::vector<SequenceFile>> GatherSlices(std::vector<SequenceFile> files, bool folders) {
+  if (folders) {
+    for (SequenceFile& file : files) {
+      FOVEA_RETURN_IF_ERROR(OpenFolder(&file));
+    }
+    return files;
+  }
+  const auto is_picture = [](const SequenceFile& file) {
+    return FormatByName(file.path) == FileFormat::kPicture;
+  };
+  if (files.size() < 2 || !std::all_of(files.begin(), files.end(), is_picture)) {
+    return files;
+  }
+  SequenceFile stack{files.front().path, std::nullopt, false, {}};
+  for (size_t i = 1; i < files.size(); ++i) {
+    stack.further.push_back(files[i].path);
+  }
+  return std::vector<SequenceFile>{std::move(stack)};
 }
 
 /// Headerless voxels may have a sidecar, which is no file of the series.
@@ -223,8 +272,15 @@ StatusOr<std::vector<SequenceFile>> ResolveInputs(const std::vector<std::string>
   }
   AttachSidecars(&files);
   std::set<std::string> seen;
+  bool folders = false;
   for (const SequenceFile& file : files) {
-    FOVEA_RETURN_IF_ERROR(CheckFile(file.path));
+    FOVEA_ASSIGN_OR_RETURN(const bool is_folder, CheckInput(file.path));
+    if (&file != &files.front() && is_folder != folders) {
+      return InvalidArgument("'{}' is a folder and '{}' a file: name the one or the other",
+                             is_folder ? file.path : files.front().path,
+                             is_folder ? files.front().path : file.path);
+    }
+    folders = is_folder;
     if (!seen.insert(fs::path(file.path).lexically_normal().string()).second) {
       return InvalidArgument("'{}' is named twice", file.path);
     }
@@ -233,13 +289,13 @@ StatusOr<std::vector<SequenceFile>> ResolveInputs(const std::vector<std::string>
   if (!std::all_of(files.begin(), files.end(), is_numbered)) {
     NumberByNames(&files);
   }
-  if (!std::all_of(files.begin(), files.end(), is_numbered)) {
-    return files;
+  if (std::all_of(files.begin(), files.end(), is_numbered)) {
+    std::stable_sort(files.begin(), files.end(), [](const SequenceFile& a, const SequenceFile& b) {
+      return *a.frame_number < *b.frame_number;
+    });
+    FOVEA_ASSIGN_OR_RETURN(files, FillGaps(std::move(files), on_missing));
   }
-  std::stable_sort(files.begin(), files.end(), [](const SequenceFile& a, const SequenceFile& b) {
-    return *a.frame_number < *b.frame_number;
-  });
-  return FillGaps(std::move(files), on_missing);
+  return GatherSlices(std::move(files), folders);
 }
 
 }  // namespace fovea::ingest

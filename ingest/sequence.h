@@ -17,7 +17,7 @@ struct SequenceFile {
   std::optional<int64_t> frame_number;
   /// OnMissing::kHold: the file of this number is not there, `path` is the one before it.
   bool held = false;
-  /// What else is read with it: NAME.raw.json beside NAME.raw.
+  /// What else is read with it: NAME.raw.json beside NAME.raw; the other slices of a stack.
   std::vector<std::string> further = {};
 
   /// `path` and `further`: the file set that a worker is given.
@@ -25,6 +25,9 @@ struct SequenceFile {
   friend bool operator==(const SequenceFile&, const SequenceFile&) = default;
 };
 
+/// Several pictures (by their extension) are one set, in that order, whose first one is `path`; so
+/// are the pictures in a folder, in natural order, and several folders are a series.
+///
 /// Finds the files that `inputs` stand for: names of files, globs (* ? []), and sequences whose
 /// file name has one run of # or one %d or %0Nd where the number is. Two or more # (or %0N) ask for
 /// that many digits, or more if the number needs them; a single # and %d take any number of digits.

@@ -12,6 +12,7 @@
 #include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 #include "ingest/detached_files.h"
+#include "ingest/file_format.h"
 
 namespace fovea::ingest {
 namespace {
@@ -61,6 +62,9 @@ WorkerOptions WorkerFor(const IngestOptions& options, int64_t declared_bytes,
   WorkerOptions worker;
   worker.limits = options.worker;
   worker.declared_bytes = declared_bytes;
+  worker.pictures = std::any_of(files.begin(), files.end(), [](const std::string& path) {
+    return FormatByName(path) == FileFormat::kPicture;
+  });
   worker.files = std::move(files);
   return worker;
 }
@@ -73,6 +77,10 @@ StatusOr<ScannedFile> ScanSet(const IngestOptions& options, const SequenceFile& 
                               bool from_voxels, WorkerClient* client) {
   constexpr size_t kMaxGrids = 100'000;
   ScannedFile scanned{file, {}, {}};
+  if (options.raw && FormatByName(file.path) == FileFormat::kPicture) {
+    return InvalidArgument("'{}' is a picture by its name: --raw is for headerless voxels",
+                           file.path);
+  }
   client->Allow(file.Paths());
   FOVEA_RETURN_IF_ERROR(
       client->Call(file.path, Encode(ScanRequest{file.Paths(), HintsOf(options), from_voxels}), {},

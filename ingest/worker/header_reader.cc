@@ -10,6 +10,7 @@
 #include "ingest/worker/headers/nrrd.h"
 #include "ingest/worker/headers/sidecar.h"
 #include "ingest/worker/input_file.h"
+#include "ingest/worker/nifti_header.h"
 
 namespace fovea::ingest {
 namespace {
@@ -108,6 +109,9 @@ StatusOr<FileFormat> ChooseFormat(const std::vector<std::string>& paths, const R
   if (hints.raw) {
     return FileFormat::kRaw;
   }
+  if (FormatByName(paths.front()) == FileFormat::kPicture && paths.size() > 1) {
+    return FileFormat::kPicture;  // a stack: whatever is not a picture in it is an error
+  }
   FOVEA_ASSIGN_OR_RETURN(const InputFile file, InputFile::Open(paths.front()));
   FOVEA_ASSIGN_OR_RETURN(const std::string start, file.ReadStart(kMagicBytes));
   const FileFormat by_magic = FormatByMagic(start);
@@ -129,7 +133,10 @@ StatusOr<DenseHeader> ReadHeader(const std::vector<std::string>& paths, const Re
   if (format == FileFormat::kRaw) {
     return ReadRaw(paths, hints);
   }
-  FOVEA_ASSIGN_OR_RETURN(const std::string start, ReadText(paths.front()));
+  std::string start;
+  if (format != FileFormat::kNifti) {
+    FOVEA_ASSIGN_OR_RETURN(start, ReadText(paths.front()));
+  }
   switch (format) {
     case FileFormat::kNpy:
       return ParseNpy(start, hints.axes);
@@ -137,6 +144,8 @@ StatusOr<DenseHeader> ReadHeader(const std::vector<std::string>& paths, const Re
       return ParseNrrd(start);
     case FileFormat::kMetaImage:
       return ParseMetaImage(start);
+    case FileFormat::kNifti:
+      return ReadNiftiHeader(paths.front());
     default:
       return Internal("no header of this format is known");
   }

@@ -20,6 +20,7 @@
 #include "ingest/worker/limits.h"
 #include "ingest/worker/picture_encoder.h"
 #include "ingest/worker/sandbox.h"
+#include "ingest/worker/slice_reader.h"
 #include "ingest/worker/vdb_reader.h"
 
 namespace fovea::ingest {
@@ -36,12 +37,16 @@ Status Answer(const FrameView& request, Channel* channel) {
     case FrameKind::kScan: {
       FOVEA_ASSIGN_OR_RETURN(const ScanRequest scan, DecodeScanRequest(request));
       FOVEA_ASSIGN_OR_RETURN(const FileFormat format, ChooseFormat(scan.paths, scan.hints));
-      return format == FileFormat::kVdb ? ScanVdb(scan, channel) : ScanDense(scan, format, channel);
+      return format == FileFormat::kVdb       ? ScanVdb(scan, channel)
+             : format == FileFormat::kPicture ? ScanSlices(scan, channel)
+                                              : ScanDense(scan, format, channel);
     }
     case FrameKind::kRead: {
       FOVEA_ASSIGN_OR_RETURN(const ReadRequest read, DecodeReadRequest(request));
       FOVEA_ASSIGN_OR_RETURN(const FileFormat format, ChooseFormat(read.paths, read.hints));
-      return format == FileFormat::kVdb ? ReadVdb(read, channel) : ReadDense(read, format, channel);
+      return format == FileFormat::kVdb       ? ReadVdb(read, channel)
+             : format == FileFormat::kPicture ? ReadSlices(read, channel)
+                                              : ReadDense(read, format, channel);
     }
     case FrameKind::kPicture: {
       FOVEA_ASSIGN_OR_RETURN(const PictureRequest picture, DecodePictureRequest(request));

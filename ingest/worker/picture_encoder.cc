@@ -17,6 +17,7 @@ constexpr int64_t kMaxSide = 65536;
 constexpr int64_t kMaxPixels = int64_t{1} << 28;
 
 struct PictureModule {
+  void* handle = nullptr;
   FoveaEncodePicture encode = nullptr;
   FoveaPictureLibrary library = nullptr;
 };
@@ -30,10 +31,11 @@ StatusOr<PictureModule> OpenModule() {
   void* library = encode == nullptr ? nullptr : ::dlsym(module, kFoveaPictureLibrary);
   if (library == nullptr) {
     const char* reason = ::dlerror();  // NOLINT(concurrency-mt-unsafe)
-    return FailedPrecondition("EXR and TIFF need the module '{}': {}", path.string(),
-                              reason == nullptr ? "it is not there" : reason);
+    return FailedPrecondition(
+        "pictures (by their extension: .tif, .png, .exr ...) need the module '{}': {}",
+        path.string(), reason == nullptr ? "it is not there" : reason);
   }
-  return PictureModule{reinterpret_cast<FoveaEncodePicture>(encode),
+  return PictureModule{module, reinterpret_cast<FoveaEncodePicture>(encode),
                        reinterpret_cast<FoveaPictureLibrary>(library)};
 }
 
@@ -64,6 +66,11 @@ StatusOr<std::vector<float>> ReceivePixels(int64_t values, Channel* channel) {
 StatusOr<std::string> LoadPictureModule() {
   FOVEA_ASSIGN_OR_RETURN(const PictureModule module, Module());
   return module.library();
+}
+
+StatusOr<void*> PictureModuleHandle() {
+  FOVEA_ASSIGN_OR_RETURN(const PictureModule module, Module());
+  return module.handle;
 }
 
 Status EncodePicture(const PictureRequest& request, Channel* channel) {

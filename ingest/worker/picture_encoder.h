@@ -12,6 +12,9 @@ namespace fovea::ingest {
 /// Loads the picture module, which a confined process cannot do any more; OpenImageIO's version.
 [[nodiscard]] StatusOr<std::string> LoadPictureModule();
 
+/// The module itself, for dlsym; an error if it was not loaded.
+[[nodiscard]] StatusOr<void*> PictureModuleHandle();
+
 /// Receives the pixels that follow `request`, encodes them through the picture module and sends the
 /// bytes of the file.
 [[nodiscard]] Status EncodePicture(const PictureRequest& request, Channel* channel);

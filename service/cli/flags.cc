@@ -331,6 +331,18 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
       ->group(kForeignGroup);
 }
 
+void AddTimeFlags(CLI::App* app, ingest::IngestOptions* ingest) {
+  CLI::Option* times =
+      AddParsed(app, "--times", "LIST|FILE", ParseTimes, Into(&ingest->times_s),
+                "When the steps are, in seconds: one for each, such as 0,0.5,2, or a file of them");
+  app->add_option("--fps", ingest->frames_per_second,
+                  "Frames a second: the time of a step is its number / this (default: as the files "
+                  "say, else 24)")
+      ->check(CLI::Range(1e-6, 1e6))
+      ->type_name("R")
+      ->excludes(times);
+}
+
 void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest) {
   AddParsed(app, "--wavelet", "W", ParseWavelet, Into(&ingest->wavelet),
             "haar, cdf53 or cdf97 (default haar; with --append, the dataset's)");

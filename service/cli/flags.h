@@ -25,6 +25,8 @@ void AddStepsFlag(CLI::App* app, StepRange* steps);
 void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec);
 /// How foreign files are to be read: --raw and its like.
 void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest);
+/// When the steps are: --times, --fps.
+void AddTimeFlags(CLI::App* app, ingest::IngestOptions* ingest);
 /// What coefficients are made: --wavelet, --lossless.
 void AddBasisFlags(CLI::App* app, ingest::IngestOptions* ingest);
 /// --plan, --from-plan, --shard: a series in parts.

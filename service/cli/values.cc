@@ -1,7 +1,11 @@
 #include "service/cli/values.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <fstream>
+#include <iterator>
+#include <string_view>
 
 #include "service/cli/number_list.h"
 
@@ -320,6 +324,35 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
   }
   return flags + (resolved.fovea_marker ? " --fovea-marker" : "") +
          (resolved.strict ? " --strict" : "");
+}
+
+StatusOr<std::vector<double>> ParseTimes(const std::string& text) {
+  constexpr size_t kMaxBytes = 64 << 20;
+  constexpr std::string_view kBetween = ", \t\r\n;";
+  std::string list = text;
+  if (std::ifstream file(text, std::ios::binary); file) {
+    list.assign(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
+    if (list.size() > kMaxBytes) {
+      return InvalidArgument("'{}' is too long for a list of times", text);
+    }
+  } else if (text.find_first_not_of("0123456789+-.eE, ") != std::string::npos) {
+    return NotFound("'{}' is neither a list of seconds nor a file that can be read", text);
+  }
+  std::vector<double> times;
+  for (size_t begin = list.find_first_not_of(kBetween); begin != std::string::npos;
+       begin = list.find_first_not_of(kBetween, begin)) {
+    const size_t end = std::min(list.find_first_of(kBetween, begin), list.size());
+    const auto time = Number<double>(std::string_view(list).substr(begin, end - begin));
+    if (!time || !std::isfinite(*time)) {
+      return InvalidArgument("'{}' is not a number of seconds", list.substr(begin, end - begin));
+    }
+    times.push_back(*time);
+    begin = end;
+  }
+  if (times.empty()) {
+    return InvalidArgument("'{}' holds no times", text);
+  }
+  return times;
 }
 
 }  // namespace fovea::cli

@@ -16,6 +16,10 @@
 /// repeats the text and shows the form; ranges are checked by frames::ValidateSpec afterwards.
 namespace fovea::cli {
 
+/// "0,0.5,2" or the name of a file: seconds, with commas, blanks or line ends between them.
+/// NOT_FOUND if the file cannot be read.
+[[nodiscard]] StatusOr<std::vector<double>> ParseTimes(const std::string& text);
+
 /// 'A', 'A-B', 'A-BxS' or 'A-': steps from A to B, B included, every S-th.
 struct StepRange {
   int64_t first = 0;

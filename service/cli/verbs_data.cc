@@ -27,8 +27,11 @@ void ExcludeWhatAPlanSays(CLI::App* verb) {
 
 CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
   CLI::App* verb = AddVerb(
-      app, "ingest", "Make a dataset of VDB files and sequences, or of raw voxels",
+      app, "ingest",
+      "Make a dataset of VDB, NRRD, MetaImage, NIfTI, NumPy files, slices, or raw voxels",
       "  fovea ingest 'smoke_####.vdb' -o smoke.zarr\n"
+      "  fovea ingest brain.nii.gz -o brain.zarr\n"
+      "  fovea ingest slices/ --spacing 0.5,0.5,2 -o slices.zarr\n"
       "  fovea ingest 'smoke_*.vdb' --grid density --grid temperature -o smoke.zarr\n"
       "  fovea ingest bonsai.raw --raw 256x256x256:uint8 -o bonsai.zarr\n"
       "  fovea ingest 'fmri_%04d.raw' --raw 64x64x21:int16:be --fps 0.5 -o fmri.zarr\n"
@@ -43,13 +46,10 @@ CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
   verb->add_option("-o,--output", command->ingest.output, "The dataset to make")
       ->type_name("DS.zarr");
   verb->add_option("--field", command->ingest.field,
-                   "With --raw: what the values are called "
+                   "All but VDB: what the values are called "
                    "(default density)")
       ->type_name("F");
-  verb->add_option("--fps", command->ingest.frames_per_second,
-                   "Frames a second: the time of a step is its number / this (default 24)")
-      ->check(CLI::Range(1e-6, 1e6))
-      ->type_name("R");
+  AddTimeFlags(verb, &command->ingest);
   verb->add_flag("--append", command->ingest.append, "Add steps to a dataset that is there");
   verb->add_option("--chunk", command->ingest.chunk_edge,
                    "Edge of a chunk: 8, 16 or 32 "
