@@ -3,6 +3,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <charconv>
@@ -12,8 +13,10 @@
 #include <optional>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 #include "ingest/sequence.h"
+#include "ingest/step_reader.h"
 #include "service/cli/console.h"
 
 namespace fovea::cli {
@@ -142,9 +145,30 @@ StatusOr<std::string> CacheFolder(const std::string& given) {
       "neither XDG_CACHE_HOME nor HOME is set: name a folder for ingested files with --cache");
 }
 
+namespace {
+
+/// The files of a series; those that headers name as well, so that the cache sees them change.
+StatusOr<std::vector<ingest::SequenceFile>> AllFiles(const ingest::IngestOptions& options) {
+  FOVEA_ASSIGN_OR_RETURN(auto files, ingest::ResolveInputs(options.inputs, options.on_missing));
+  const auto is_header = [](const ingest::SequenceFile& file) {
+    return file.path.ends_with(".nhdr") || file.path.ends_with(".mhd") ||
+           file.path.ends_with(".hdr") || file.path.ends_with(".hdr.gz");
+  };
+  if (!options.raw && std::any_of(files.begin(), files.end(), is_header)) {
+    FOVEA_ASSIGN_OR_RETURN(const auto scanned,
+                           ingest::ScanFiles(options, files, /*from_voxels=*/false,
+                                             [](const std::string&) { return true; }));
+    for (size_t i = 0; i < files.size(); ++i) {
+      files[i] = scanned[i].file;
+    }
+  }
+  return files;
+}
+
+}  // namespace
+
 StatusOr<std::string> CacheName(const ingest::IngestOptions& options) {
-  FOVEA_ASSIGN_OR_RETURN(const auto files,
-                         ingest::ResolveInputs(options.inputs, options.on_missing));
+  FOVEA_ASSIGN_OR_RETURN(const auto files, AllFiles(options));
   std::string key = fmt::format("1 {} {} {}", static_cast<int>(options.on_missing),
                                 static_cast<int>(options.registration), options.field);
   for (const std::string& grid : options.grids) {
