@@ -49,7 +49,7 @@ std::optional<SampleType> SampleTypeOf(std::string_view name) {
 std::string ListSampleTypes() {
   std::string list;
   for (const Row& row : kRows) {
-    list += (list.empty() ? "" : " ") + std::string(row.name);
+    list.append(list.empty() ? "" : " ").append(row.name);
   }
   return list;
 }
