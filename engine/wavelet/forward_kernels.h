@@ -45,7 +45,7 @@ struct StripInput {
   /// How far, in values, the row of the strip that will probably be next is from that of this one;
   /// 0 if there is none.
   int64_t next = 0;
-  /// The other children of a row.
+  /// The other children of a row; Haar has none.
   std::span<const CopiedChild> copied;
   int64_t edge = 0;
   int64_t bricks = 1;

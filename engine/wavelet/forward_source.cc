@@ -64,10 +64,11 @@ void PlaceStrip(const LevelShape& shape, const Strip& strip, StripMemory<Value>*
   memory->input.copied = memory->copied;
 }
 
-/// Copies `count` values; false if one is not a whole number that Value may have.
-template <typename Value, typename From>
+/// Copies `count` values; false if one is not a whole number that a voxel of type Value may be.
+/// kMeans: they are no voxels, but made by the transform, and all right.
+template <bool kMeans, typename Value, typename From>
 bool Convert(const From* from, int64_t count, float bias, Value* to) {
-  if constexpr (std::is_same_v<Value, From>) {
+  if constexpr (std::is_same_v<Value, From> && (kMeans || std::is_same_v<Value, float>)) {
     if (bias == 0) {
       std::memcpy(to, from, static_cast<size_t>(count) * sizeof(Value));
       return true;
@@ -164,8 +165,9 @@ bool DenseSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* mem
   const auto [inside, end] = std::pair(memory->input.first, memory->input.last);
   const int64_t first = FirstChild(shape_, strip.at.x) + inside;
   const auto& [xs, ys, zs] = memory->samples;
-  if constexpr (std::is_same_v<Value, From>) {
-    if (shape_.bias == 0 && end % 2 == 0) {  // as they are
+  if constexpr (std::is_same_v<Value, float> && std::is_same_v<From, float>) {
+    const bool copies = !memory->copied.empty();
+    if (shape_.bias == 0 && end % 2 == 0 && !(copies && shape_.wavelet == Wavelet::kHaar)) {
       for (size_t i = 0; i < ys.size(); ++i) {
         memory->slices[i] = Slice(zs[i]) + first;
         memory->rows[i] = ys[i] * shape_.dims.x;
@@ -182,7 +184,8 @@ bool DenseSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* mem
   for (const int64_t z : zs) {
     const From* const slice = Slice(z);
     for (const int64_t y : ys) {
-      good &= Convert(slice + y * shape_.dims.x + first, end - inside, shape_.bias, row + inside);
+      good &= Convert</*kMeans=*/false>(slice + y * shape_.dims.x + first, end - inside,
+                                        shape_.bias, row + inside);
       for (const CopiedChild& child : memory->copied) {
         row[child.to] = row[child.from];
       }
@@ -282,8 +285,9 @@ bool BrickSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* mem
       for (int64_t i = inside; i < end;) {
         const int64_t x = first + i;
         const int64_t count = std::min(edge - x % edge, end - i);
-        good &= Convert(near[static_cast<size_t>(x / edge - corner.x)] + in_brick + x % edge, count,
-                        shape_.bias, row + i);
+        good &= Convert<std::is_same_v<Value, From>>(
+            near[static_cast<size_t>(x / edge - corner.x)] + in_brick + x % edge, count,
+            shape_.bias, row + i);
         i += count;
       }
       for (const CopiedChild& child : memory->copied) {

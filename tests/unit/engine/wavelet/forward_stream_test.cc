@@ -412,6 +412,18 @@ TEST_P(ForwardStreamTest, VoxelsThatIntegersCannotHoldAreErrors) {
   }
 }
 
+TEST_P(ForwardStreamTest, VoxelsOf16BitsMustFitThemToo) {
+  if (GetParam().type != CoefficientType::kInt16) {
+    return;
+  }
+  std::vector<int16_t> values = Noise<int16_t>({64, 64, 64}, 9);
+  for (const int32_t bad : {kMostShortVoxel, kMostShortVoxel + 1, -kMostShortVoxel - 1}) {
+    values[130000] = static_cast<int16_t>(bad);
+    Start({64, 64, 64}, 16, 1);
+    EXPECT_EQ(stream_->Push(std::span<const int16_t>(values)).ok(), bad == kMostShortVoxel) << bad;
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(
     Bases, ForwardStreamTest,
     ::testing::Values(Case{{Wavelet::kHaar, false}, CoefficientType::kFloat32},
