@@ -287,8 +287,7 @@ Status Run::TakeUp(bool from_voxels) {
     return absl::OkStatus();
   }
   const auto steps = static_cast<int64_t>(plan_.steps.size());
-  source_ = given_.open_series.empty() ? store::SourceInfo{SeriesIdentity(scanned_, plan_), steps,
-                                                           given_.part, given_.parts}
+  source_ = given_.open_series.empty() ? store::SourceInfo{series, steps, given_.part, given_.parts}
                                        : store::SourceInfo{given_.open_series, 0, 0, 1};
   if (given_.open_series.empty()) {
     plan_.steps.erase(plan_.steps.begin() + source_->LastStep(), plan_.steps.end());
@@ -304,16 +303,10 @@ Status Run::GoOnWithStore(bool from_voxels) {
   FOVEA_ASSIGN_OR_RETURN(auto writer, store::DatasetWriter::Append(options_.output));
   const store::DatasetInfo& there = writer->info();
   if (!(there.source == source_)) {
-    return IsThere(options_, ", made of other files or at other times");
+    return IsThere(options_, ", made of other files, at other times or with another tolerance");
   }
   if (options_.tolerance) {
-    const auto is_alike = [&](const store::FieldInfo& field) {
-      return !field.scales.empty() && field.tolerance == *options_.tolerance;
-    };
-    if (std::none_of(there.fields.begin(), there.fields.end(), is_alike)) {
-      return IsThere(options_, ", and its tolerance is another");
-    }
-    codings_ = there.fields;  // their scales were chosen by the first step
+    codings_ = there.fields;  // whose scales its first step chose
   }
   std::string difference = store::DifferenceInMaking(there, NewInfo());
   if (difference == "extent" && !from_voxels && given_.scanned.empty() && !options_.raw) {
