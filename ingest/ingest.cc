@@ -287,6 +287,11 @@ Status Run::TakeUp(bool from_voxels) {
     return absl::OkStatus();
   }
   const auto steps = static_cast<int64_t>(plan_.steps.size());
+  std::string series = SeriesIdentity(scanned_, plan_);
+  if (options_.tolerance) {  // the store says what came of it, not what was asked for
+    series = IdentityOf(
+        fmt::format("{} {} {}", series, options_.tolerance->value, options_.tolerance->relative));
+  }
   source_ = given_.open_series.empty() ? store::SourceInfo{series, steps, given_.part, given_.parts}
                                        : store::SourceInfo{given_.open_series, 0, 0, 1};
   if (given_.open_series.empty()) {

@@ -67,6 +67,7 @@ Status Watcher::GoOnBehindDataset() {
   options_.append = info.committed_steps > 0 || options_.append;
   options_.retain.clear();  // the dataset has its own
   options_.extent.reset();
+  options_.tolerance.reset();
   for (int64_t step = std::max<int64_t>(0, info.committed_steps - 2); step < info.committed_steps;
        ++step) {
     FOVEA_ASSIGN_OR_RETURN(const std::optional<int64_t> number, dataset->FrameNumber(step));
@@ -227,6 +228,7 @@ Status Watcher::Take(std::vector<SequenceFile> files) {
   options_.append = true;
   options_.retain.clear();
   options_.extent.reset();
+  options_.tolerance.reset();
   return absl::OkStatus();
 }
 
