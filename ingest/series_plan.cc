@@ -8,6 +8,7 @@
 #include <absl/strings/str_join.h>
 
 #include "ingest/registration.h"
+#include "ingest/step_times.h"
 
 namespace fovea::ingest {
 namespace {
@@ -86,7 +87,7 @@ class Planner {
     FOVEA_RETURN_IF_ERROR(FindExtent());
     FOVEA_RETURN_IF_ERROR(Place());
     FOVEA_RETURN_IF_ERROR(MakeSteps());
-    FOVEA_RETURN_IF_ERROR(SetTimes());
+    FOVEA_RETURN_IF_ERROR(SetStepTimes(options_, files_, existing_, &plan_));
     for (const ChosenGrid& chosen : choice_.grids) {
       plan_.fields.push_back(chosen.field);
       DescribeValues(chosen);
@@ -113,9 +114,6 @@ class Planner {
   Status SetSpacing(const Vec3& spacing);
   Status MakeSteps();
   Status MakeStep(size_t file_set, int64_t step_in_file);
-  Status SetTimes();
-  [[nodiscard]] StatusOr<std::vector<double>> Times() const;
-  [[nodiscard]] std::vector<double> TimesOfFiles() const;
   void DescribeValues(const ChosenGrid& chosen);
   void WarnOfEmptySteps();
 
@@ -489,75 +487,6 @@ void Planner::WarnOfEmptySteps() {
                                            plan_.steps.size()));
     }
   }
-}
-
-/// Those that the files say, if all say one and they are in order; else none.
-std::vector<double> Planner::TimesOfFiles() const {
-  std::vector<double> times;
-  for (const PlannedStep& step : plan_.steps) {
-    const FieldSource& source = step.sources.front();
-    const FileInfo& file = files_[source.file_set].info;
-    if (file.times_s.empty()) {
-      return {};
-    }
-    const double time = file.times_s[static_cast<size_t>(source.step_in_file)];
-    if (!times.empty() && time <= times.back()) {
-      return {};
-    }
-    times.push_back(time);
-  }
-  return times;
-}
-
-/// Of each step, in seconds: as asked for, as the files say, or by numbers.
-StatusOr<std::vector<double>> Planner::Times() const {
-  if (!options_.times_s.empty()) {
-    if (options_.times_s.size() != plan_.steps.size()) {
-      return InvalidArgument("--times: {} times for {} steps", options_.times_s.size(),
-                             plan_.steps.size());
-    }
-    return options_.times_s;
-  }
-  const double fps = options_.frames_per_second.value_or(24);
-  if (!std::isfinite(fps) || fps <= 0) {
-    return InvalidArgument("{} frames a second: must be positive", fps);
-  }
-  if (!options_.frames_per_second) {
-    std::vector<double> times = TimesOfFiles();
-    if (!times.empty()) {
-      return times;
-    }
-  }
-  const int64_t first_index = existing_ ? existing_->info.committed_steps : 0;
-  std::vector<double> times;
-  for (size_t i = 0; i < plan_.steps.size(); ++i) {
-    const int64_t index = first_index + static_cast<int64_t>(i);
-    times.push_back(static_cast<double>(plan_.steps[i].frame_number.value_or(index)) / fps);
-  }
-  return times;
-}
-
-Status Planner::SetTimes() {
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<double> times, Times());
-  int64_t last = existing_ && existing_->info.committed_steps > 0
-                     ? existing_->last_time_ns
-                     : std::numeric_limits<int64_t>::min();
-  for (size_t i = 0; i < plan_.steps.size(); ++i) {
-    PlannedStep& step = plan_.steps[i];
-    if (!(std::abs(times[i]) < 9e9)) {
-      return InvalidArgument("'{}' would be at {} s, beyond the range of time",
-                             step.sources.front().path, times[i]);
-    }
-    step.time_ns = std::llround(times[i] * 1e9);
-    if (step.time_ns < last) {
-      return InvalidArgument(
-          "'{}' would be at {} s, before the last step{} at {} s: steps are added in order",
-          step.sources.front().path, static_cast<double>(step.time_ns) * 1e-9,
-          i == 0 ? " of '" + options_.output + "'" : "", static_cast<double>(last) * 1e-9);
-    }
-    last = step.time_ns;
-  }
-  return absl::OkStatus();
 }
 
 }  // namespace
