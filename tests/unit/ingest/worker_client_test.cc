@@ -158,7 +158,7 @@ TEST(WorkerClientTest, AWorkerThatMisusesSlabsIsReported) {
   const auto read = [&](const std::string& path) {
     DenseField field({{0, 0, 0}, {8, 8, 1000000}}, 32, 1 << 20, std::make_shared<BufferPool>());
     const auto drop = [](const DenseSlices&) { return absl::OkStatus(); };
-    return client.Call(path, Encode(ScanRequest{path, {}, false}), {}, [&](const FrameView& frame) {
+    return client.Call(path, Encode(ScanRequest{{path}, {}, false}), {}, [&](const FrameView& frame) {
       return field.Consume(frame, client.slabs(), drop);
     });
   };

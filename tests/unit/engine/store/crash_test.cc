@@ -168,7 +168,7 @@ std::unique_ptr<SimulatedDisk> DamagedDisk() {
   EXPECT_OK(file.status());
   EXPECT_OK(file->Append(bytes));
   const auto all = [](size_t) { return true; };
-  return disk->AfterPowerCut(all, Kept::kAll);  // it is on the disk like that
+  return disk->AfterPowerCut(all, SimulatedDisk::Kept::kAll);  // it is on the disk like that
 }
 
 TEST(StoreCrash, AtEveryCallOfARepairWhatIsSoundStays) {
