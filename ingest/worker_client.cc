@@ -25,6 +25,7 @@ namespace fovea::ingest {
 namespace {
 
 constexpr int64_t kBaseMemoryBytes = 512 << 20;
+constexpr int64_t kPictureModuleBytes = int64_t{1} << 30;  // OpenImageIO's 260 libraries
 constexpr int kReapMs = 2000;
 constexpr size_t kAttachmentPieceBytes = 1 << 20;
 
@@ -118,7 +119,8 @@ int64_t WorkerMemoryBytes(const WorkerOptions& options) {
   }
   const int64_t machine = std::max(MachineMemoryBytes(), kBaseMemoryBytes);
   const int64_t declared = std::clamp<int64_t>(options.declared_bytes, 0, machine);
-  return std::min(machine, kBaseMemoryBytes + 3 * declared);
+  const int64_t module = options.pictures ? kPictureModuleBytes : 0;
+  return std::min(machine, kBaseMemoryBytes + module + 3 * declared);
 #endif
 }
 

@@ -332,6 +332,9 @@ Status Assembler::Commit(std::span<const Piece> pieces) {
     FOVEA_RETURN_IF_ERROR(
         write(fmt::format("{}/{}", path_, array.path), ArrayJson(array, info.committed_steps)));
   }
+  FOVEA_ASSIGN_OR_RETURN(const std::string copy, GroupCopyJson(info));
+  FOVEA_RETURN_IF_ERROR(
+      batch.Write(fmt::format("{}/{}", path_, kGroupCopyName), std::as_bytes(std::span(copy))));
   FOVEA_ASSIGN_OR_RETURN(const std::string group, GroupJson(info));
   FOVEA_RETURN_IF_ERROR(write(path_, group));
   FOVEA_RETURN_IF_ERROR(batch.Flush());

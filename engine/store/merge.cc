@@ -285,7 +285,7 @@ Status Merger::RemoveParts() {
                            std::any_of(part.info.fields.begin(), part.info.fields.end(),
                                        [&](const FieldInfo& field) { return field.name == name; });
       FOVEA_RETURN_IF_ERROR(is_ours ? RemoveTree(files_, path)
-                            : IsTemporaryName(name)
+                            : IsTemporaryName(name) || name == kGroupCopyName
                                 ? RemoveFile(files_, path)
                                 : FailedPrecondition("{} is none of the files of a store: {} was "
                                                      "merged, and not removed",

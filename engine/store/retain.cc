@@ -124,7 +124,10 @@ Status Cutter::CutStep(int64_t step) {
 /// From here on readers know what may be missing.
 Status Announce(FileSystem& files, const std::string& path, const DatasetInfo& info) {
   FOVEA_ASSIGN_OR_RETURN(const std::string group, GroupJson(info));
+  FOVEA_ASSIGN_OR_RETURN(const std::string copy, GroupCopyJson(info));
   FileBatch batch(files);
+  FOVEA_RETURN_IF_ERROR(
+      batch.Write(fmt::format("{}/{}", path, kGroupCopyName), std::as_bytes(std::span(copy))));
   FOVEA_RETURN_IF_ERROR(
       batch.Write(fmt::format("{}/{}", path, kMetadataName), std::as_bytes(std::span(group))));
   FOVEA_RETURN_IF_ERROR(batch.Flush());

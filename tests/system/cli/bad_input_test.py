@@ -66,8 +66,10 @@ class BadInput(support.FoveaTest):
         content[len(content) // 3] ^= 0x40
         shard.write_bytes(content)
         self.refused(1, "verify", store, says=["damaged"])
-        self.refused(1, "extract", store, "--step", 8, "-o", self.folder / "x.npy",
+        self.refused(1, "extract", store, "--step", 8, "--strict", "-o", self.folder / "x.npy",
                      says=["density", "8"])
+        result = self.fovea("extract", store, "--step", 8, "-o", self.folder / "x.npy")
+        self.assertIn("warning: 1 damaged chunk", result.stderr)
         self.refused(1, "render", store, "--step", 8, "--rate", 64, "--strict", "-o", self.out,
                      says=["density"])
         result = self.fovea("render", store, "--step", 8, "--rate", 64, "-o", self.out)
@@ -86,8 +88,7 @@ class BadInput(support.FoveaTest):
                 ("render", [self.store, "-o", self.folder / "big.exr"]),
                 ("extract", [self.store, "-o", self.folder / "big.npy"]),
                 ("export", [self.store, "-o", self.folder / "big.####.npy"]),
-                ("export", [self.store, "-o", self.folder / "big.mp4"]),
-                ("ingest", [support.PLUME_SEQUENCE, "-o", self.folder / "big.zarr"])):
+                ("export", [self.store, "-o", self.folder / "big.mp4"])):
             self.refused(1, verb, *arguments, says=["big"], preexec_fn=small_files)
         left = [path.name for path in self.folder.glob("big*") if path.suffix != ".zarr"]
         self.assertEqual(left, [])
@@ -144,7 +145,8 @@ class BadInput(support.FoveaTest):
         file.write_text("x")
         self.refused(1, "render", self.store, "-o", file / "f.png", says=["file"])
         self.refused(1, "render", self.store, "-o", file / "f.exr", says=["file"])
-        self.refused(1, "ingest", support.PLUME_SEQUENCE, "-o", self.store, says=["plume.zarr"])
+        self.refused(1, "ingest", support.PLUME_SEQUENCE.replace("####", "0005"), "-o", self.store,
+                     says=["plume.zarr"])
         precious = self.folder / "f.0001.png"
         precious.write_text("precious")
         self.refused(1, "export", self.store, "-o", self.folder / "f.####.png",

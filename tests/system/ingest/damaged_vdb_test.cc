@@ -89,17 +89,17 @@ TEST_F(DamagedVdbTest, TheDeadlineOfAFileIsKept) {
 
 #ifndef FOVEA_SANITIZED
 TEST_F(DamagedVdbTest, TheMemoryLimitIsReportedWithTheFlagThatRaisesIt) {
-  VdbGrid grid;  // 256^3 voxels that do not compress to tiles: 64 MB and more
-  for (int64_t z = 0; z < 256; z += 8) {
-    for (int64_t y = 0; y < 256; y += 8) {
-      for (int64_t x = 0; x < 256; x += 8) {
+  VdbGrid grid;  // 384^3 voxels that do not compress to tiles: 216 MB and more
+  for (int64_t z = 0; z < 384; z += 8) {
+    for (int64_t y = 0; y < 384; y += 8) {
+      for (int64_t x = 0; x < 384; x += 8) {
         grid.voxels.push_back({{x, y, z}, 1});
       }
     }
   }
   WriteVdb(Path("a.vdb"), {grid});
   IngestOptions options = Options({"a.vdb"});
-  options.worker.memory_bytes = 100 << 20;
+  options.worker.memory_bytes = 220 << 20;
   EXPECT_THAT(Ingest(options), FailsWith(absl::StatusCode::kResourceExhausted, "--worker-memory"));
 }
 #endif

@@ -106,7 +106,7 @@ TEST(WorkerClientTest, TheRealWorkerReadsNothingButWhatWasAllowed) {
   const auto ignore = [](const FrameView&) { return absl::OkStatus(); };
   const Frame request = Encode(ScanRequest{{other}, {}, false});
   EXPECT_THAT(client.Call(other, request, {}, ignore),
-              FailsWith(absl::StatusCode::kDataLoss, "Permission denied"));
+              FailsWith(absl::StatusCode::kNotFound, "Permission denied"));
   client.Allow({other});
   EXPECT_OK(client.Call(other, request, {}, ignore));
 }
