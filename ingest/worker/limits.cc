@@ -6,7 +6,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
+#include <cstdlib>
 #include <cstring>
+#include <new>
+#include <utility>
 
 namespace fovea::ingest {
 namespace {
@@ -19,6 +22,16 @@ Status SetLimit(__rlimit_resource resource, const char* name, rlim_t soft, rlim_
     return Internal("cannot set the limit {}: {}", name, std::strerror(errno));
   }
   return absl::OkStatus();
+}
+
+/// OpenVDB's trees allocate while they are destroyed. What is kept back here is given up at the
+/// first allocation that fails, so that the error can still be carried out.
+void* reserve = nullptr;
+constexpr size_t kReserveBytes = 16 << 20;
+
+[[noreturn]] void GiveUpReserve() {
+  std::free(std::exchange(reserve, nullptr));
+  throw std::bad_alloc();
 }
 
 }  // namespace
@@ -34,6 +47,8 @@ Status LimitProcess(int64_t memory_bytes, bool dies_with_thread) {
   if (memory_bytes > 0) {
     const auto bytes = static_cast<rlim_t>(memory_bytes);
     FOVEA_RETURN_IF_ERROR(SetLimit(RLIMIT_AS, "RLIMIT_AS", bytes, bytes));
+    reserve = std::malloc(kReserveBytes);
+    std::set_new_handler(GiveUpReserve);
   }
   return absl::OkStatus();
 }
