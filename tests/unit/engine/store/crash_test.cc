@@ -128,6 +128,26 @@ TEST(StoreCrash, AtEveryCallOfACommitNoStepIsDamaged) {
                   [](SimulatedDisk* disk) { ExpectRecovers(disk, 2, 3); });
 }
 
+TEST(StoreCrash, AtEveryCallOfStepsThatArePublishedTogetherNoneIsDamaged) {
+  CrashEverywhere(
+      [] { return DiskWithSteps(1); },
+      [](SimulatedDisk* disk) -> Status {
+        FOVEA_ASSIGN_OR_RETURN(const auto writer, DatasetWriter::Append(kPath, *disk));
+        for (int64_t step = 1; step < 3; ++step) {
+          const testing::StepData data = MakeStep(kDims, kEdge, static_cast<int>(step));
+          FOVEA_RETURN_IF_ERROR(writer->WriteField(kFields[0], data.coefficients, data.stats));
+          FOVEA_RETURN_IF_ERROR(writer->EndStep(step * 1'000'000'000, {}));
+        }
+        return writer->Publish();
+      },
+      [](SimulatedDisk* disk) {
+        const auto dataset = Dataset::Open(kPath, *disk);
+        ASSERT_OK(dataset.status());
+        EXPECT_NE((*dataset)->info().committed_steps, 2) << "all or none";
+        ExpectRecovers(disk, 1, 3);
+      });
+}
+
 TEST(StoreCrash, AtEveryCallOfTheSweepNoStepIsDamaged) {
   // What a writer leaves that dies as late as it can without having committed.
   const auto dead = [] {
