@@ -94,8 +94,6 @@ class PayloadReader {
   /// Whether something that was asked for was not there.
   [[nodiscard]] bool failed() const { return failed_; }
   [[nodiscard]] size_t bytes_left() const { return rest_.size(); }
-  /// What was read makes no sense: Complete() is false from now on.
-  void Fail() { failed_ = true; }
 
  private:
   bool Need(size_t bytes) {

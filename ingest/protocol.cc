@@ -51,15 +51,11 @@ void WriteTexts(const std::vector<std::string>& texts, PayloadWriter* writer) {
   }
 }
 
-/// Fails the reader, and stops, where there are fewer than are announced.
+/// Stops, with the reader failed, where there are fewer than are announced.
 std::vector<std::string> ReadTexts(PayloadReader* reader) {
   std::vector<std::string> texts;
   const auto count = reader->Number<uint32_t>();
-  for (uint32_t i = 0; i < count; ++i) {
-    if (reader->bytes_left() == 0) {
-      reader->Fail();
-      return {};
-    }
+  for (uint32_t i = 0; i < count && !reader->failed(); ++i) {
     texts.push_back(reader->Text());
   }
   return texts;
@@ -312,7 +308,7 @@ StatusOr<FileInfo> DecodeFileInfo(const FrameView& frame) {
   message.is_dense = reader.Number<uint8_t>() != 0;
   message.steps = reader.Number<int64_t>();
   const auto times = reader.Number<uint32_t>();
-  for (uint32_t i = 0; i < times && reader.bytes_left() > 0; ++i) {
+  for (uint32_t i = 0; i < times && !reader.failed(); ++i) {
     message.times_s.push_back(reader.Number<double>());
   }
   message.needs = ReadTexts(&reader);

@@ -1,6 +1,7 @@
 #include "ingest/worker/headers/dense_header.h"
 
 #include <cmath>
+#include <limits>
 #include <set>
 
 #include "engine/volume/hierarchy.h"
@@ -9,6 +10,16 @@ namespace fovea::ingest {
 namespace {
 
 constexpr int64_t kMaxSteps = 1'000'000;
+
+}  // namespace
+
+namespace {
+
+/// Headers that were not checked yet may say anything: too large is the largest there is.
+int64_t Times(int64_t a, int64_t b) {
+  int64_t product = 0;
+  return __builtin_mul_overflow(a, b, &product) ? std::numeric_limits<int64_t>::max() : product;
+}
 
 }  // namespace
 
@@ -27,7 +38,7 @@ int64_t DenseHeader::StrideOf(AxisRole role) const {
     if (axis.role == role) {
       return stride;
     }
-    stride *= axis.size;
+    stride = Times(stride, axis.size);
   }
   return 0;
 }
@@ -39,7 +50,7 @@ Int3 DenseHeader::Dims() const {
 int64_t DenseHeader::Samples() const {
   int64_t samples = 1;
   for (const DenseAxis& axis : axes) {
-    samples *= axis.size;
+    samples = Times(samples, axis.size);
   }
   return samples;
 }
@@ -50,7 +61,7 @@ bool DenseHeader::IsInOrder() const {
     if (SizeOf(role) > 1 && StrideOf(role) != stride) {
       return false;
     }
-    stride *= SizeOf(role);
+    stride = Times(stride, SizeOf(role));
   }
   return true;
 }

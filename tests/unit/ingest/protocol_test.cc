@@ -82,7 +82,8 @@ TEST(ProtocolTest, FilesComeInAsManyFramesAsTheyTake) {
 }
 
 TEST(ProtocolTest, TheGreetingTellsHowTheWorkerIsConfined) {
-  ASSERT_OK_AND_ASSIGN(const Hello hello, DecodeHello(Encode(Hello{kProtocolVersion, 7, true, "10.0", "2.4"})));
+  ASSERT_OK_AND_ASSIGN(const Hello hello,
+                       DecodeHello(Encode(Hello{kProtocolVersion, 7, true, "10.0", "2.4"})));
   EXPECT_EQ(hello.landlock_abi, 7U);
   EXPECT_TRUE(hello.system_calls_filtered);
   EXPECT_EQ(hello.openvdb, "10.0");
@@ -92,6 +93,26 @@ TEST(ProtocolTest, TheGreetingTellsHowTheWorkerIsConfined) {
   // Of another version, the rest of the greeting may be anything.
   EXPECT_THAT(DecodeHello(Frame{FrameKind::kHello, std::string("\1\0\0\0", 4)}),
               FailsWith(absl::StatusCode::kFailedPrecondition, "protocol 1"));
+}
+
+TEST(ProtocolTest, ACountThatTheMessageDoesNotHoldTakesNoMemory) {
+  // Wherever a count stands, 4 billion are announced, and too few bytes follow for one.
+  const FileInfo info;
+  const Frame frame = Encode(info);
+  for (size_t at = 0; at + 4 <= frame.payload.size(); ++at) {
+    Frame hostile = frame;
+    hostile.payload.replace(at, 4, "\xFF\xFF\xFF\xFF");
+    EXPECT_LT(DecodeFileInfo(hostile).value_or(info).warnings.size(), 10U);
+    hostile.payload += "1234567";
+    EXPECT_THAT(DecodeFileInfo(hostile), FailsWith(kInternal, "malformed"));
+  }
+  const Frame scan = Encode(ScanRequest{});
+  for (size_t at = 0; at + 4 <= scan.payload.size(); ++at) {
+    Frame hostile = scan;
+    hostile.payload.replace(at, 4, "\xFF\xFF\xFF\xFF");
+    hostile.payload += "1";
+    EXPECT_THAT(DecodeScanRequest(hostile), FailsWith(kInternal, "malformed"));
+  }
 }
 
 TEST(ProtocolTest, AnErrorIsNeverOk) {
