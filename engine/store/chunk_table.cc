@@ -45,13 +45,6 @@ StatusOr<const std::vector<float>*> ChunkTable::Block(const Int3& block, uint64_
   return &(blocks_[key] = std::move(values));
 }
 
-void ChunkTable::StartRead() const {
-  const std::string path = folder_ + "/" + SpaceChunkName(step_, {0, 0, 0}, /*with_bands=*/false);
-  if (const StatusOr<ReadableFile> file = ReadableFile::Open(files_, path); file.ok()) {
-    file->StartRead(0, file->size());
-  }
-}
-
 uint64_t ChunkTable::StoredChunks() {
   uint64_t stored = 0;
   uint64_t bytes_read = 0;

@@ -25,8 +25,6 @@ class ChunkTable {
   /// so where all its chunks are zero. DATA_LOSS if it is damaged. Stays where it is as long as
   /// the table lives. Adds the bytes that were read from its file, if any, to `bytes_read`.
   [[nodiscard]] StatusOr<const std::vector<float>*> Block(const Int3& block, uint64_t* bytes_read);
-  /// Begins to read the first block, which most windows need.
-  void StartRead() const;
   /// How many chunks of the level are stored; what cannot be read counts for nothing.
   [[nodiscard]] uint64_t StoredChunks();
 

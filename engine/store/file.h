@@ -48,10 +48,6 @@ class ReadableFile {
   [[nodiscard]] const std::string& path() const { return path_; }
   /// Fills `out` from `offset`; DATA_LOSS if the file ends before.
   [[nodiscard]] Status ReadAt(int64_t offset, std::span<std::byte> out) const;
-  /// Begins to read what ReadAt will be asked for, so that several reads wait together.
-  void StartRead(int64_t offset, int64_t bytes) const {
-    handle_.files().StartRead(handle_.get(), offset, bytes);
-  }
 
  private:
   std::string path_;

@@ -167,9 +167,6 @@ Status StoredStep::ReadCoarse(std::span<float> out) {
     std::fill(out.begin(), out.end(), 0.0F);
     return absl::OkStatus();
   }
-  for (const auto& table : tables_) {
-    table->StartRead();
-  }
   const std::string file = CoarseFile();
   const StatusOr<int64_t> read = ReadValuesFile(files_, file, coarse_coding_, out);
   if (!read.ok()) {
@@ -367,10 +364,6 @@ Status StoredStep::ReadRun(const Window& window, const Run& run) {
 }
 
 Status StoredStep::ReadRuns(const Window& window, const std::vector<Run>& runs) {
-  for (const Run& run : runs) {  // all are asked of the disk before the first is waited for
-    run.file->StartRead(static_cast<int64_t>(run.chunks.front().entry.offset),
-                        static_cast<int64_t>(RunBytes(run)));
-  }
   std::vector<Status> results(runs.size());
   ParallelFor(0, static_cast<int64_t>(runs.size()), 1, 0, [&](int64_t first, int64_t last) {
     for (int64_t i = first; i < last; ++i) {
