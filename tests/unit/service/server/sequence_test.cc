@@ -204,7 +204,7 @@ TEST_F(SequenceTest, ADeadlineEndsAStreamThatWaits) {
   EXPECT_FALSE(reader->Read(&frame));
   EXPECT_EQ(reader->Finish().error_code(), grpc::StatusCode::DEADLINE_EXCEEDED);
   EXPECT_TRUE(IsGone(kStreamId));
-  EXPECT_LE(server_->frames_rendered(), 1U);
+  EXPECT_LE(server_->frames_rendered(), 2U);  // work stops within one frame of the cancel
 }
 
 TEST_F(SequenceTest, AClientThatVanishesFreesItsStream) {
