@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -118,6 +119,7 @@ class Run {
   Status TakeUp(bool from_voxels);
   Status GoOnWithStore(bool from_voxels);
   [[nodiscard]] store::DatasetInfo NewInfo() const;
+  [[nodiscard]] uint64_t InputBytes() const;
   Status ScanAndPlan(const std::optional<ExistingStore>& existing, bool from_voxels);
   Status WriteSteps(bool from_voxels);
   Status WriteStep(const PlannedStep& step, StepReader* reader);
@@ -160,6 +162,7 @@ class Run {
 Status Run::Execute(bool from_voxels) {
   FOVEA_RETURN_IF_ERROR(Plan(from_voxels));
   FOVEA_RETURN_IF_ERROR(TakeUp(from_voxels));
+  report_.input_bytes = InputBytes();
   Status status = WriteSteps(from_voxels);
   if (writer_ != nullptr && !metadata_was_wrong_) {  // what is done stays, whatever happened
     const Status published = PublishSteps();
@@ -241,10 +244,6 @@ Status Run::ScanAndPlan(const std::optional<ExistingStore>& existing, bool from_
     FOVEA_ASSIGN_OR_RETURN(
         scanned_, ScanFiles(options_, files_, from_voxels,
                             [&](const std::string& path) { return GoOn(0, total, path); }));
-  }
-  report_.input_bytes = 0;
-  for (const ScannedFile& file : scanned_) {
-    report_.input_bytes += file.file.held ? 0 : static_cast<uint64_t>(file.info.file_bytes);
   }
   FOVEA_ASSIGN_OR_RETURN(plan_, PlanSeries(options_, scanned_, existing));
   return absl::OkStatus();
@@ -485,6 +484,21 @@ Status Run::CreateStore() {
   FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, NewInfo()));
   made_store_ = true;
   return absl::OkStatus();
+}
+
+/// Of the files that the steps to be made are read from.
+uint64_t Run::InputBytes() const {
+  std::set<std::pair<std::string, int64_t>> files;  // a file that is held is there twice
+  for (const PlannedStep& step : plan_.steps) {
+    for (const FieldSource& source : step.sources) {
+      files.emplace(source.path, scanned_[source.file_set].info.file_bytes);
+    }
+  }
+  uint64_t bytes = 0;
+  for (const auto& [path, file_bytes] : files) {
+    bytes += static_cast<uint64_t>(file_bytes);
+  }
+  return bytes;
 }
 
 void Run::Discard() {

@@ -41,6 +41,9 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
                               {"total_ms", seconds * 1000}}));
     return;
   }
+  if (report.steps == 0 && report.steps_before > 0) {
+    return;
+  }
   std::string fields;
   for (const std::string& field : report.fields) {
     fields += (fields.empty() ? "" : ", ") + field;

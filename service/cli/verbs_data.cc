@@ -13,14 +13,22 @@ namespace {
 
 /// With --from-plan only the flags of how, not of what, can be given.
 void ExcludeWhatAPlanSays(CLI::App* verb) {
-  CLI::Option* from_plan = verb->get_option("--from-plan");
-  for (CLI::Option* option : verb->get_options()) {
+  std::vector<const CLI::Option*> said;
+  for (const CLI::Option* option : verb->get_options()) {
     const std::string name = option->get_name();
     if (name != "--help" && name != "--output" && name != "--shard" && name != "--from-plan" &&
         !name.starts_with("--worker")) {
-      from_plan->excludes(option);
+      said.push_back(option);
     }
   }
+  verb->parse_complete_callback([verb, said] {
+    for (const CLI::Option* option : said) {
+      if (verb->count("--from-plan") > 0 && option->count() > 0) {
+        throw CLI::ValidationError(
+            "--from-plan", fmt::format("not with {}: the plan says it", option->get_name()));
+      }
+    }
+  });
 }
 
 }  // namespace

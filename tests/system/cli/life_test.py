@@ -52,6 +52,9 @@ class Parts(Life):
         for i in (2, 0, 1):
             report = self.fovea_json("ingest", "--from-plan", plan, "--shard", f"{i}/3", "-o", merged)
             self.assertEqual(report["steps"], 5)
+            inputs = [support.PLUME / f"plume_{number:04d}.vdb"
+                      for number in support.PLUME_NUMBERS[5 * i:5 * i + 5]]
+            self.assertEqual(report["input_bytes"], sum(file.stat().st_size for file in inputs))
         part = self.room / "a.part-1-of-3.zarr"
         source = self.fovea_json("info", part)["source"]
         self.assertEqual((source["part"], source["parts"], source["complete"]), (1, 3, True))
@@ -93,7 +96,9 @@ class Parts(Life):
         out = self.room / "a.zarr"
         self.refused(2, "ingest", "--from-plan", plan, "--shard", "3/3", "-o", out, says=["--shard"])
         self.refused(2, "ingest", "--from-plan", plan, support.PLUME_SEQUENCE, "-o", out,
-                     says=["--from-plan"])
+                     says=["--from-plan", "not with input"])
+        self.refused(2, "ingest", "--from-plan", plan, "--fps", "5", "-o", out,
+                     says=["not with --fps"])
         self.refused(2, "ingest", support.PLUME_SEQUENCE, "--shard", "0/3", "-o", out,
                      says=["--from-plan"])
         self.refused(2, "ingest", support.PLUME_SEQUENCE, says=["--output"])
@@ -186,6 +191,7 @@ class Resume(Life):
         self.assertEqual(data_files(store), data_files(whole))
         again = self.fovea(*self.command, "-o", store)
         self.assertIn("40 steps were there already", again.stdout)
+        self.assertNotIn("0 steps of", again.stdout)
 
     def test_another_series_is_not_mixed_in(self):
         store = self.room / "a.zarr"
