@@ -134,6 +134,7 @@ Status ScanSlices(const ScanRequest& request, Channel* channel) {
     grid.type = std::string(NameOf(stack.type));
     grid.box = Box3::OfSize({stack.width, stack.height, stack.SlicesPerStep()});
     grid.index_to_world = SpacingMatrix(stack.spacing);
+    grid.declared_bytes = stack.page_bytes;
     return channel->Send(Encode(grid), Channel::kNoDeadline);
   });
 }

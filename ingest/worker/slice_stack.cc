@@ -51,7 +51,7 @@ void SetSpacing(const FoveaPage& page, SliceStack* stack) {
   const auto size = [](double resolution) { return resolution > 0 ? 1 / resolution : 0; };
   const Vec3 pixel{size(page.x_resolution), size(page.y_resolution), 0};
   const bool is_imagej = std::string_view(page.description).starts_with("ImageJ=");
-  const std::string unit = is_imagej ? ImageJ(page, "unit") : page.resolution_unit;
+  const std::string unit(Trimmed(is_imagej ? ImageJ(page, "unit") : page.resolution_unit));
   const double scale = is_imagej ? 1 : unit == "cm" ? 10 : unit == "in" ? 25.4 : 0;
   if (scale > 0 && pixel.x > 0 && pixel.y > 0) {
     stack->spacing = {pixel.x * scale, pixel.y * scale, pixel.x * scale};
@@ -129,11 +129,15 @@ Status AddFile(const std::string& path, const std::string& asked, SliceStack* st
     if (stack->slices.empty()) {
       *first = page;
       const auto type = SampleTypeOf(page.type);
+      constexpr int kMaxChannels = 1024;
       if (!type || page.width < 1 || page.width > kMaxDimension || page.height < 1 ||
-          page.height > kMaxDimension) {
-        return InvalidArgument("a picture of {} x {} pixels of type '{}' cannot be read",
-                               page.width, page.height, page.type);
+          page.height > kMaxDimension || page.channels < 1 || page.channels > kMaxChannels) {
+        return InvalidArgument(
+            "a picture of {} x {} pixels with {} channels of type '{}' cannot be "
+            "read",
+            page.width, page.height, page.channels, page.type);
       }
+      stack->page_bytes = page.width * page.height * page.channels * BytesOf(*type);
       FOVEA_ASSIGN_OR_RETURN(stack->channel, Choose(page, asked, &stack->warnings));
       stack->type = stack->channel.luminance ? SampleType::kFloat32 : *type;
       stack->width = page.width;

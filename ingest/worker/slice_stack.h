@@ -64,6 +64,7 @@ struct SliceStack {
   Vec3 spacing{1, 1, 1};
   std::string unit;  // of the spacing
   int64_t file_bytes = 0;
+  int64_t page_bytes = 0;  // of one page, all channels: what decoding it may take
   std::vector<std::string> warnings;
 
   [[nodiscard]] int64_t SlicesPerStep() const {

@@ -1,7 +1,7 @@
 """Files of every dense format, made here byte by byte, through the front door and back."""
 
 import gzip
-import json
+import os
 import pathlib
 import struct
 import subprocess
@@ -340,6 +340,8 @@ class Readers(support.FoveaTest):
         voxels = values("u1")[0]
         path = self.write("j.tif", tiff(
             voxels, "ImageJ=1.53\nimages=3\nslices=3\nunit=um\nspacing=2.5\n", (4, 1)))
+        blank = self.write("blank.tif", tiff(voxels, "ImageJ=1.54f\nunit= \n", (1, 1)))
+        self.assertEqual(self.ingest(blank)[0]["world_unit"], "")
         info, back = self.ingest(path)
         self.check(back, [voxels])
         np.testing.assert_allclose(np.diag(self.matrix(info)), [0.25, 0.25, 2.5, 1])
@@ -376,6 +378,28 @@ class Readers(support.FoveaTest):
         self.fovea("render", path, "--step", 2, "--size", "32x32", "--cache", self.out / "cache",
                    "-o", self.out / "p.png")
         self.assertEqual(support.pixels_of(self.out / "p.png", 32, 32).shape, (32, 32, 3))
+
+    @unittest.skipUnless("FOVEA_TEST_DATA" in os.environ, "FOVEA_TEST_DATA is not set")
+    def test_real_volumes(self):
+        data = pathlib.Path(os.environ["FOVEA_TEST_DATA"])
+        raw = {"tooth_ct_103x94x161_u16be": (">u2", "tooth.nhdr"),
+               "colin27_mri_181x217x181_u8": ("u1", "colin27_mri.nii.gz")}
+        for name, (dtype, other) in raw.items():
+            _, a = self.ingest(data / "volumes" / f"{name}.raw", "--lossless")
+            _, b = self.ingest(data / "volumes" / other, "--lossless")
+            np.testing.assert_array_equal(a, b)
+            np.testing.assert_array_equal(
+                a.ravel(), np.fromfile(data / "volumes" / f"{name}.raw", dtype))
+        _, steps = self.ingest(data / "fourd" / "fmri_fsl_64x64x21_t64.nii.gz")
+        frames = [np.fromfile(data / "fourd" / "fmri_raw_i16" / f"t{i:03}.raw", "<i2")
+                  for i in range(64)]
+        np.testing.assert_array_equal(steps.reshape(64, -1), frames)
+        _, slices = self.ingest(data / "slices" / "c_elegans_em_tiff")
+        _, again = self.ingest(data / "slices" / "c_elegans_em_tiff" / "c_elegans_em_z####.tif")
+        np.testing.assert_array_equal(slices, again)
+        self.assertEqual(slices.shape, (1, 21, 256, 256))
+        info, _ = self.ingest(data / "slices" / "mri_head_multipage.tif")
+        self.assertEqual((info["nx"], info["ny"], info["nz"]), (186, 226, 27))
 
     def test_what_is_no_known_file(self):
         self.fails(self.write("a.xyz", b"what is this"), says=["a.xyz", "NIfTI", "--raw"])
