@@ -1,5 +1,6 @@
 #include "engine/store/chunk_file.h"
 
+#include <algorithm>
 #include <cstring>
 #include <limits>
 #include <utility>
@@ -13,10 +14,15 @@ constexpr uint64_t kAbsent = std::numeric_limits<uint64_t>::max();
 
 StatusOr<int64_t> ReadChunkFile(FileSystem& files, const std::string& path,
                                 std::span<std::byte> raw) {
+  FOVEA_ASSIGN_OR_RETURN(const ReadableFile file, ReadableFile::Open(files, path));
+  return ReadChunkFile(file, raw);
+}
+
+StatusOr<int64_t> ReadChunkFile(const ReadableFile& file, std::span<std::byte> raw) {
   const int64_t most = MaxEncodedBytes(static_cast<int64_t>(raw.size()));
-  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, ReadWholeFile(files, path, most));
+  FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded, file.ReadWhole(most));
   FOVEA_RETURN_IF_ERROR(
-      Annotate(Decoder().Decode(encoded, raw), fmt::format("{} is damaged", path)));
+      Annotate(Decoder().Decode(encoded, raw), fmt::format("{} is damaged", file.path())));
   return static_cast<int64_t>(encoded.size());
 }
 
@@ -31,6 +37,11 @@ StatusOr<int64_t> ReadValuesFile(FileSystem& files, const std::string& path, con
 
 int64_t ShardIndexBytes(size_t chunks) {
   return static_cast<int64_t>(chunks * 2 * sizeof(uint64_t) + sizeof(uint32_t));
+}
+
+void StartShardIndex(const ReadableFile& file, size_t chunks) {
+  const int64_t bytes = ShardIndexBytes(chunks);
+  file.StartRead(std::max<int64_t>(file.size() - bytes, 0), bytes);
 }
 
 StatusOr<ShardIndex> ReadShardIndex(const ReadableFile& file, size_t chunks,

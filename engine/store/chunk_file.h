@@ -20,6 +20,7 @@ namespace fovea::store {
 /// a checksum or a length does not fit. Returns the bytes read.
 [[nodiscard]] StatusOr<int64_t> ReadChunkFile(FileSystem& files, const std::string& path,
                                               std::span<std::byte> raw);
+[[nodiscard]] StatusOr<int64_t> ReadChunkFile(const ReadableFile& file, std::span<std::byte> raw);
 
 /// The same for coefficients.
 [[nodiscard]] StatusOr<int64_t> ReadValuesFile(FileSystem& files, const std::string& path,
@@ -37,6 +38,9 @@ using ShardIndex = std::vector<std::optional<ShardEntry>>;
 
 /// The bytes of the index of a shard of `chunks` chunks, its checksum included.
 [[nodiscard]] int64_t ShardIndexBytes(size_t chunks);
+
+/// Begins to read the index of a shard of `chunks` chunks.
+void StartShardIndex(const ReadableFile& file, size_t chunks);
 
 /// Reads and checks the index. DATA_LOSS, naming the file, if its checksum does not fit or an
 /// entry points outside the file or is longer than `max_chunk_bytes`.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <span>
+#include <utility>
 
 #include "engine/store/chunk_file.h"
 
@@ -25,22 +26,39 @@ size_t ChunkTable::IndexInBlock(const Int3& chunk) const {
                              chunk.x % edge.x);
 }
 
+StatusOr<ReadableFile> ChunkTable::OpenBlock(const Int3& block) const {
+  return ReadableFile::Open(files_,
+                            folder_ + "/" + SpaceChunkName(step_, block, /*with_bands=*/false));
+}
+
+void ChunkTable::StartFirstBlock() {
+  const std::lock_guard lock(mutex_);
+  if (first_ || blocks_.contains({0, 0, 0})) {
+    return;
+  }
+  first_ = OpenBlock({0, 0, 0});
+  if (first_->ok()) {
+    (*first_)->StartRead(0, (*first_)->size());
+  }
+}
+
 StatusOr<const std::vector<float>*> ChunkTable::Block(const Int3& block, uint64_t* bytes_read) {
   const std::lock_guard lock(mutex_);
   const std::array<int64_t, 3> key{block.z, block.y, block.x};
   if (const auto known = blocks_.find(key); known != blocks_.end()) {
     return &known->second;
   }
-  std::vector<float> values(static_cast<size_t>(layout_.table_edge.Product()));
-  const std::string path = folder_ + "/" + SpaceChunkName(step_, block, /*with_bands=*/false);
-  const StatusOr<int64_t> read =
-      ReadChunkFile(files_, path, std::as_writable_bytes(std::span(values)));
-  if (absl::IsNotFound(read.status())) {
-    values.clear();
-  } else if (!read.ok()) {
-    return read.status();
-  } else {
-    *bytes_read += static_cast<uint64_t>(*read);
+  const bool begun = block == Int3{0, 0, 0} && first_.has_value();
+  const StatusOr<ReadableFile> file =
+      begun ? *std::exchange(first_, std::nullopt) : OpenBlock(block);
+  std::vector<float> values;
+  if (file.ok()) {
+    values.resize(static_cast<size_t>(layout_.table_edge.Product()));
+    FOVEA_ASSIGN_OR_RETURN(const int64_t bytes,
+                           ReadChunkFile(*file, std::as_writable_bytes(std::span(values))));
+    *bytes_read += static_cast<uint64_t>(bytes);
+  } else if (!absl::IsNotFound(file.status())) {
+    return file.status();
   }
   return &(blocks_[key] = std::move(values));
 }

@@ -97,15 +97,19 @@ Status ReadableFile::ReadAt(int64_t offset, std::span<std::byte> out) const {
   return absl::OkStatus();
 }
 
+StatusOr<std::vector<std::byte>> ReadableFile::ReadWhole(int64_t max_bytes) const {
+  if (size_ > max_bytes) {
+    return DataLoss("{} has {} bytes, at most {} can be right", path_, size_, max_bytes);
+  }
+  std::vector<std::byte> bytes(static_cast<size_t>(size_));
+  FOVEA_RETURN_IF_ERROR(ReadAt(0, bytes));
+  return bytes;
+}
+
 StatusOr<std::vector<std::byte>> ReadWholeFile(FileSystem& files, const std::string& path,
                                                int64_t max_bytes) {
   FOVEA_ASSIGN_OR_RETURN(const ReadableFile file, ReadableFile::Open(files, path));
-  if (file.size() > max_bytes) {
-    return DataLoss("{} has {} bytes, at most {} can be right", path, file.size(), max_bytes);
-  }
-  std::vector<std::byte> bytes(static_cast<size_t>(file.size()));
-  FOVEA_RETURN_IF_ERROR(file.ReadAt(0, bytes));
-  return bytes;
+  return file.ReadWhole(max_bytes);
 }
 
 StatusOr<WritableFile> WritableFile::Create(FileSystem& files, const std::string& path) {

@@ -48,6 +48,12 @@ class ReadableFile {
   [[nodiscard]] const std::string& path() const { return path_; }
   /// Fills `out` from `offset`; DATA_LOSS if the file ends before.
   [[nodiscard]] Status ReadAt(int64_t offset, std::span<std::byte> out) const;
+  /// All of it; DATA_LOSS, without reading it, if it is longer than `max_bytes`.
+  [[nodiscard]] StatusOr<std::vector<std::byte>> ReadWhole(int64_t max_bytes) const;
+  /// Begins to read what ReadAt will be asked for, so that several reads wait together.
+  void StartRead(int64_t offset, int64_t bytes) const {
+    handle_.files().StartRead(handle_.get(), offset, bytes);
+  }
 
  private:
   std::string path_;
@@ -55,7 +61,7 @@ class ReadableFile {
   int64_t size_ = 0;
 };
 
-/// The whole file; DATA_LOSS, without reading it, if it is longer than `max_bytes`.
+/// Opens a file and ReadableFile::ReadWhole.
 [[nodiscard]] StatusOr<std::vector<std::byte>> ReadWholeFile(FileSystem& files,
                                                              const std::string& path,
                                                              int64_t max_bytes);

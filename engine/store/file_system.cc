@@ -64,6 +64,9 @@ class PosixFileSystem final : public FileSystem {
   [[nodiscard]] int64_t ReadAt(int handle, int64_t offset, std::span<std::byte> out) override {
     return Retrying([&] { return ::pread(handle, out.data(), out.size(), offset); });
   }
+  void StartRead(int handle, int64_t offset, int64_t bytes) override {
+    [[maybe_unused]] const int hint = ::posix_fadvise(handle, offset, bytes, POSIX_FADV_WILLNEED);
+  }
   [[nodiscard]] int64_t Write(int handle, std::span<const std::byte> bytes) override {
     return Retrying([&] { return ::write(handle, bytes.data(), bytes.size()); });
   }

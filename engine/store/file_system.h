@@ -39,6 +39,8 @@ class FileSystem {
   [[nodiscard]] virtual int64_t Size(int handle) = 0;
   /// How many bytes were read; 0 only at the end of the file.
   [[nodiscard]] virtual int64_t ReadAt(int handle, int64_t offset, std::span<std::byte> out) = 0;
+  /// Begins to read a part of a file from the device. Promises nothing.
+  virtual void StartRead(int /*handle*/, int64_t /*offset*/, int64_t /*bytes*/) {}
   /// Writes where the last write ended (kAppend: the first at the end of the file). How many bytes
   /// were written.
   [[nodiscard]] virtual int64_t Write(int handle, std::span<const std::byte> bytes) = 0;

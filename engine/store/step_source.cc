@@ -26,7 +26,8 @@
 
 // A window read: (1) which chunks meet the window; (2) the tables chunk_max_W say which of them
 // are zero, and which must be there; (3) the indices of their shards say where they lie; (4) runs
-// of neighbouring chunks are read at once, checked, decoded and copied, runs in parallel.
+// of neighbouring chunks are read at once, checked, decoded and copied, runs in parallel. All that
+// a step of these reads is asked of the device before the first is waited for.
 
 namespace fovea::store {
 namespace {
@@ -51,9 +52,12 @@ struct Run {
   std::vector<Wanted> chunks;
 };
 
-/// A shard, open, and its index; both empty if there is no such shard.
-struct OpenShard {
-  std::shared_ptr<const ReadableFile> file;
+/// A shard, open, what is wanted of it, and its index.
+struct Shard {
+  std::string path;
+  std::vector<Wanted> wanted;
+  Status status;                             // of opening it; OK if there is none
+  std::shared_ptr<const ReadableFile> file;  // null if there is no such shard
   ShardIndex index;
 };
 
@@ -99,13 +103,14 @@ class StoredStep final : public StepSource {
  private:
   /// Blocks of the table that one window read has asked for; null: nothing is known of them.
   using Blocks = std::map<std::array<int64_t, 3>, const std::vector<float>*>;
-  using Shards = std::map<std::array<int64_t, 3>, std::vector<Wanted>>;  // by {z, y, x}
+  using WantedOfShards = std::map<std::array<int64_t, 3>, std::vector<Wanted>>;  // by {z, y, x}
 
   [[nodiscard]] StatusOr<Stored> IsStored(const Window& window, const Int3& chunk, Blocks* blocks);
-  [[nodiscard]] Status FindWanted(const Window& window, Shards* shards);
-  [[nodiscard]] Status PlanShard(const Window& window, std::vector<Wanted> wanted,
-                                 std::vector<Run>* runs);
-  [[nodiscard]] StatusOr<OpenShard> Open(const Window& window, const std::string& path);
+  [[nodiscard]] Status FindWanted(const Window& window, WantedOfShards* shards);
+  /// Opens a shard and begins to read its index.
+  [[nodiscard]] Shard Open(const Window& window, std::vector<Wanted> wanted);
+  [[nodiscard]] Status ReadIndex(const Window& window, Shard* shard);
+  [[nodiscard]] Status PlanShard(const Window& window, Shard shard, std::vector<Run>* runs);
   /// Steps 1 to 3, some shards at a time: `take` is given the runs that the window is read in.
   [[nodiscard]] Status PlanRuns(const Window& window,
                                 const std::function<Status(const std::vector<Run>&)>& take);
@@ -167,6 +172,9 @@ Status StoredStep::ReadCoarse(std::span<float> out) {
     std::fill(out.begin(), out.end(), 0.0F);
     return absl::OkStatus();
   }
+  for (const auto& table : tables_) {
+    table->StartFirstBlock();
+  }
   const std::string file = CoarseFile();
   const StatusOr<int64_t> read = ReadValuesFile(files_, file, coarse_coding_, out);
   if (!read.ok()) {
@@ -227,7 +235,7 @@ StatusOr<Stored> StoredStep::IsStored(const Window& window, const Int3& chunk, B
   return (*block->second)[window.table.IndexInBlock(chunk)] > 0 ? Stored::kYes : Stored::kNo;
 }
 
-Status StoredStep::FindWanted(const Window& window, Shards* shards) {
+Status StoredStep::FindWanted(const Window& window, WantedOfShards* shards) {
   const LevelLayout& layout = window.layout;
   const int64_t c = layout.edge;
   Blocks blocks;
@@ -245,37 +253,48 @@ Status StoredStep::FindWanted(const Window& window, Shards* shards) {
   return absl::OkStatus();
 }
 
-StatusOr<OpenShard> StoredStep::Open(const Window& window, const std::string& path) {
-  StatusOr<ReadableFile> file = ReadableFile::Open(files_, path);
-  if (absl::IsNotFound(file.status())) {
-    return OpenShard{};
-  }
-  FOVEA_RETURN_IF_ERROR(file.status());
-  const auto chunks = static_cast<size_t>(window.layout.shard_chunks.Product());
-  bytes_read_ += static_cast<uint64_t>(ShardIndexBytes(chunks));
-  FOVEA_ASSIGN_OR_RETURN(
-      ShardIndex index, ReadShardIndex(*file, chunks, MaxEncodedBytes(window.layout.ChunkBytes())));
-  return OpenShard{std::make_shared<const ReadableFile>(*std::move(file)), std::move(index)};
-}
-
-Status StoredStep::PlanShard(const Window& window, std::vector<Wanted> wanted,
-                             std::vector<Run>* runs) {
+Shard StoredStep::Open(const Window& window, std::vector<Wanted> wanted) {
   const LevelLayout& layout = window.layout;
-  const std::string path =
+  Shard shard;
+  shard.path =
       fmt::format("{}/{}/{}", path_, DetailPath(field_, layout.width),
                   SpaceChunkName(step_, layout.ShardOf(wanted.front().chunk), /*with_bands=*/true));
-  const StatusOr<OpenShard> shard = Open(window, path);
+  shard.wanted = std::move(wanted);
+  StatusOr<ReadableFile> file = ReadableFile::Open(files_, shard.path);
+  if (file.ok()) {
+    StartShardIndex(*file, static_cast<size_t>(layout.shard_chunks.Product()));
+    shard.file = std::make_shared<const ReadableFile>(*std::move(file));
+  } else if (!absl::IsNotFound(file.status())) {
+    shard.status = file.status();
+  }
+  return shard;
+}
+
+Status StoredStep::ReadIndex(const Window& window, Shard* shard) {
+  if (shard->file == nullptr) {
+    return shard->status;
+  }
+  const auto chunks = static_cast<size_t>(window.layout.shard_chunks.Product());
+  bytes_read_ += static_cast<uint64_t>(ShardIndexBytes(chunks));
+  FOVEA_ASSIGN_OR_RETURN(shard->index, ReadShardIndex(*shard->file, chunks,
+                                                      MaxEncodedBytes(window.layout.ChunkBytes())));
+  return absl::OkStatus();
+}
+
+Status StoredStep::PlanShard(const Window& window, Shard shard, std::vector<Run>* runs) {
+  const LevelLayout& layout = window.layout;
+  const Status status = ReadIndex(window, &shard);
   std::vector<Wanted> found;
-  for (Wanted& one : wanted) {
+  for (Wanted& one : shard.wanted) {
     const size_t place = layout.IndexInShard(one.chunk);
-    if (!shard.ok()) {
-      FOVEA_RETURN_IF_ERROR(Damaged(layout, one.chunk, shard.status()));
-    } else if (shard->file != nullptr && shard->index[place]) {
-      one.entry = *shard->index[place];
+    if (!status.ok()) {
+      FOVEA_RETURN_IF_ERROR(Damaged(layout, one.chunk, status));
+    } else if (shard.file != nullptr && shard.index[place]) {
+      one.entry = *shard.index[place];
       found.push_back(one);
     } else if (one.stored == Stored::kYes && !retention_.WasDropped(layout.level, one.chunk)) {
       FOVEA_RETURN_IF_ERROR(
-          Damaged(layout, one.chunk, DataLoss("{} does not hold it, and should", path)));
+          Damaged(layout, one.chunk, DataLoss("{} does not hold it, and should", shard.path)));
     }
   }
   std::sort(found.begin(), found.end(),
@@ -285,7 +304,7 @@ Status StoredStep::PlanShard(const Window& window, std::vector<Wanted> wanted,
   for (const Wanted& one : found) {
     if (new_run || runs->back().chunks.size() >= kMaxRunChunks || one.entry.offset < end ||
         one.entry.offset - end > kMaxGapBytes) {
-      runs->push_back({shard->file, {}});
+      runs->push_back({shard.file, {}});
       new_run = false;
     }
     runs->back().chunks.push_back(one);
@@ -315,20 +334,20 @@ void CopyIntoWindow(const Window& window, const Int3& chunk, std::span<const flo
 
 Status StoredStep::PlanRuns(const Window& window,
                             const std::function<Status(const std::vector<Run>&)>& take) {
-  Shards shards;
-  FOVEA_RETURN_IF_ERROR(FindWanted(window, &shards));
-  std::vector<Run> runs;
-  size_t open = 0;
-  for (auto& [position, wanted] : shards) {
-    if (open == kMaxOpenShards) {
-      FOVEA_RETURN_IF_ERROR(take(runs));
-      runs.clear();
-      open = 0;
+  WantedOfShards wanted;
+  FOVEA_RETURN_IF_ERROR(FindWanted(window, &wanted));
+  for (auto next = wanted.begin(); next != wanted.end();) {
+    std::vector<Shard> shards;
+    for (; next != wanted.end() && shards.size() < kMaxOpenShards; ++next) {
+      shards.push_back(Open(window, std::move(next->second)));
     }
-    FOVEA_RETURN_IF_ERROR(PlanShard(window, std::move(wanted), &runs));
-    ++open;
+    std::vector<Run> runs;
+    for (Shard& shard : shards) {
+      FOVEA_RETURN_IF_ERROR(PlanShard(window, std::move(shard), &runs));
+    }
+    FOVEA_RETURN_IF_ERROR(take(runs));
   }
-  return take(runs);
+  return absl::OkStatus();
 }
 
 /// The bytes that a run reads at once: its chunks and what lies between them.
@@ -364,6 +383,10 @@ Status StoredStep::ReadRun(const Window& window, const Run& run) {
 }
 
 Status StoredStep::ReadRuns(const Window& window, const std::vector<Run>& runs) {
+  for (const Run& run : runs) {  // all are asked of the disk before the first is waited for
+    run.file->StartRead(static_cast<int64_t>(run.chunks.front().entry.offset),
+                        static_cast<int64_t>(RunBytes(run)));
+  }
   std::vector<Status> results(runs.size());
   ParallelFor(0, static_cast<int64_t>(runs.size()), 1, 0, [&](int64_t first, int64_t last) {
     for (int64_t i = first; i < last; ++i) {

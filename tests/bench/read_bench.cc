@@ -91,6 +91,7 @@ void MakeStore(const std::string& path, int64_t edge, const std::string& type) {
 
 void DropFromPageCache(const std::string& path) {
   const int fd = ::open(path.c_str(), O_RDONLY);
+  ::fsync(fd);  // what was not written to the disk yet would stay
   ::posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
   ::close(fd);
 }

@@ -1,6 +1,7 @@
 #ifndef TESTS_SUPPORT_SIMULATED_DISK_H_
 #define TESTS_SUPPORT_SIMULATED_DISK_H_
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -50,14 +51,16 @@ class SimulatedDisk final : public store::FileSystem {
 
   SimulatedDisk();
 
-  /// Is asked at every call but Close and StartFlush; what is not 0 is returned by the call (a
-  /// -errno), and nothing is done.
+  /// Is asked at every call but Close, StartRead and StartFlush; what is not 0 is returned by the
+  /// call (a -errno), and nothing is done.
   void set_fault(std::function<int(const Call&)> fault) { fault_ = std::move(fault); }
   /// Reads and writes do 1 to this many bytes at a time, in turns. 0: all that is asked.
   void set_most_at_once(size_t bytes) { most_at_once_ = bytes; }
   /// -EMFILE past so many open handles.
   void set_handle_limit(size_t handles) { handle_limit_ = handles; }
   [[nodiscard]] int64_t calls() const { return calls_; }
+  /// How often StartRead was called; may be asked by a fault.
+  [[nodiscard]] int64_t started_reads() const { return started_reads_; }
   [[nodiscard]] size_t open_handles() const { return handles_.size(); }
   /// The most that were open at a time.
   [[nodiscard]] size_t most_open_handles() const { return most_open_handles_; }
@@ -86,6 +89,9 @@ class SimulatedDisk final : public store::FileSystem {
   void Close(int handle) override;
   [[nodiscard]] int64_t Size(int handle) override;
   [[nodiscard]] int64_t ReadAt(int handle, int64_t offset, std::span<std::byte> out) override;
+  void StartRead(int /*handle*/, int64_t /*offset*/, int64_t /*bytes*/) override {
+    ++started_reads_;
+  }
   [[nodiscard]] int64_t Write(int handle, std::span<const std::byte> bytes) override;
   [[nodiscard]] int Empty(int handle) override;
   void StartFlush(int /*handle*/) override {}
@@ -140,6 +146,7 @@ class SimulatedDisk final : public store::FileSystem {
   std::map<int, OpenFile> handles_;
   int next_handle_ = 3;
   int64_t calls_ = 0;
+  std::atomic<int64_t> started_reads_{0};
   size_t most_open_handles_ = 0;
   std::function<int(const Call&)> fault_;
   size_t most_at_once_ = 0;
