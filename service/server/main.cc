@@ -11,6 +11,7 @@
 #include <spdlog/spdlog.h>
 
 #include "engine/base/status.h"
+#include "service/server/acceptor.h"
 #include "service/server/server.h"
 
 namespace fovea::server {
@@ -47,6 +48,15 @@ void AddFlags(CLI::App& app, Flags* flags) {
   app.add_option("--render-queue", flags->server.render_queue,
                  "Calls that may wait to be rendered; more are refused (RESOURCE_EXHAUSTED)")
       ->check(CLI::Range(1, 100'000))
+      ->capture_default_str();
+  app.add_option("--max-connections", flags->server.max_connections,
+                 "Connections that may be open, more are closed at once; 0: 1000, or half of what "
+                 "ulimit -n allows")
+      ->check(CLI::Range(0, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-connections-per-address", flags->server.max_connections_per_address,
+                 "Of these, from one IPv4 address or one /64 of IPv6")
+      ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--drain-seconds", flags->drain_seconds,
                  "How long running calls may go on after SIGTERM")
@@ -94,6 +104,7 @@ void StopAtOnceOn(const sigset_t& stop) {
 int Serve(const Flags& flags) {
   const sigset_t stop = BlockStopSignals();
   signal(SIGPIPE, SIG_IGN);
+  RaiseDescriptorLimit();
   auto server = Server::Start(flags.server);
   if (!server.ok()) {
     fmt::print(stderr, "fovead: {}\n", MessageOf(server.status()));

@@ -1,5 +1,9 @@
 #include "service/server/server.h"
 
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <climits>
 #include <mutex>
 #include <utility>
 
@@ -11,7 +15,9 @@
 #include <spdlog/spdlog.h>
 
 #include "engine/base/parallel.h"
+#include "service/server/acceptor.h"
 #include "service/server/datasets_service.h"
+#include "service/server/listener.h"
 #include "service/server/render_service.h"
 #include "service/server/services.h"
 #include "service/wire/convert.h"
@@ -25,6 +31,7 @@ constexpr int kMaxLookupsWaiting = 1000;
 constexpr int64_t kMaxRunningBytes = int64_t{4} << 30;  // of frames being rendered
 constexpr int64_t kMaxReplyBytes = int64_t{1} << 30;    // of frames made and not yet sent
 constexpr size_t kTransportBytes = size_t{512} << 20;   // gRPC's own buffers
+constexpr int kDefaultMaxConnections = 1000;
 constexpr char kRenderServiceName[] = "fovea.v1.Render";
 
 /// gRPC's own messages go where ours go.
@@ -59,12 +66,33 @@ void SetLimits(grpc::ServerBuilder& builder) {
       {GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, 60'000},
       {GRPC_ARG_MAX_CONCURRENT_STREAMS, 100},
       {GRPC_ARG_MAX_METADATA_SIZE, 16 << 10},
-      // Two servers on one port would each get some of the calls, and nobody would know.
-      {GRPC_ARG_ALLOW_REUSEPORT, 0},
+      {GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, 20'000},
   };
   for (const auto& [name, value] : arguments) {
     builder.AddChannelArgument(name, value);
   }
+}
+
+/// Who can reach a server must be kept out of it in some way.
+Status CheckExposure(bool loopback, const ServerOptions& options) {
+  if (!loopback && !options.insecure_plaintext) {
+    return InvalidArgument(
+        "{} can be reached from other machines, and this server has neither encryption nor "
+        "passwords: listen on 127.0.0.1 behind a proxy that has, or add --insecure-plaintext if "
+        "everyone on that network may see and do everything",
+        options.listen);
+  }
+  return absl::OkStatus();
+}
+
+ConnectionTable::Limits LimitsOf(const ServerOptions& options) {
+  rlimit descriptors{};
+  getrlimit(RLIMIT_NOFILE, &descriptors);
+  // Half of them are for the files of datasets.
+  const auto half = static_cast<int>(std::clamp<rlim_t>(descriptors.rlim_cur / 2, 1, INT_MAX));
+  return {.total = options.max_connections > 0 ? options.max_connections
+                                               : std::min(kDefaultMaxConnections, half),
+          .per_address = options.max_connections_per_address};
 }
 
 class GrpcServer final : public Server {
@@ -85,23 +113,27 @@ class GrpcServer final : public Server {
 
   ~GrpcServer() override { Drain(std::chrono::milliseconds(0)); }
 
-  [[nodiscard]] Status Listen(wire::HostPort address) {
+  [[nodiscard]] Status Serve(Listener listener, ConnectionTable::Limits limits) {
     grpc::ServerBuilder builder;
     SetLimits(builder);
-    int port = 0;
-    builder.AddListeningPort(address.ToString(), grpc::InsecureServerCredentials(), &port);
+    connections_ = builder.experimental().AddExternalConnectionAcceptor(
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD,
+        grpc::InsecureServerCredentials());
     builder.RegisterService(&datasets_);
     builder.RegisterService(&render_);
     server_ = builder.BuildAndStart();
-    if (server_ == nullptr || port == 0) {
-      return Unavailable(
-          "cannot listen on {}: the port is taken, or the address is not this machine's; choose "
-          "another with --listen (port 0 takes any free one)",
-          address.ToString());
+    if (server_ == nullptr) {
+      return Internal("gRPC could not be started; its messages are in the log");
     }
     server_->GetHealthCheckService()->SetServingStatus(kRenderServiceName, true);
-    address.port = port;
-    address_ = address.ToString();
+    address_ = listener.address.ToString();
+    FOVEA_ASSIGN_OR_RETURN(
+        acceptor_, Acceptor::Start(std::move(listener.sockets), limits, [this](int from, int fd) {
+          grpc::experimental::ExternalConnectionAcceptor::NewConnectionParameters connection;
+          connection.listener_fd = from;
+          connection.fd = fd;
+          connections_->HandleNewConnection(&connection);
+        }));
     return absl::OkStatus();
   }
 
@@ -117,6 +149,7 @@ class GrpcServer final : public Server {
     server_->GetHealthCheckService()->SetServingStatus(false);
     services_.calls.StopAdmitting();
     const int64_t left = services_.calls.WaitIdle(limit);
+    acceptor_.reset();
     // Only now are connections closed: a balancer that saw GOAWAY first would cut streams short.
     server_->Shutdown(std::chrono::system_clock::now());
     server_->Wait();
@@ -128,8 +161,10 @@ class GrpcServer final : public Server {
   Services services_;
   DatasetsService datasets_;
   RenderService render_;
-  std::string address_;  // not changed after Listen
+  std::string address_;  // not changed after Serve
+  std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> connections_;  // likewise
   std::mutex drain_mutex_;
+  std::unique_ptr<Acceptor> acceptor_;    // guarded by drain_mutex_ once it runs
   std::unique_ptr<grpc::Server> server_;  // guarded by drain_mutex_ once it runs
 };
 
@@ -137,17 +172,13 @@ class GrpcServer final : public Server {
 
 StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   FOVEA_ASSIGN_OR_RETURN(const wire::HostPort address, wire::ParseHostPort(options.listen));
-  if (!address.loopback && !options.insecure_plaintext) {
-    return InvalidArgument(
-        "{} can be reached from other machines, and this server has neither encryption nor "
-        "passwords: listen on 127.0.0.1 behind a proxy that has, or add --insecure-plaintext if "
-        "everyone on that network may see and do everything",
-        options.listen);
-  }
+  FOVEA_RETURN_IF_ERROR(CheckExposure(address.loopback, options));
   FOVEA_ASSIGN_OR_RETURN(auto catalogue, Catalogue::Open(options.root, options.rescan_interval));
+  FOVEA_ASSIGN_OR_RETURN(Listener listener, Listen(address));
+  FOVEA_RETURN_IF_ERROR(CheckExposure(listener.loopback, options));
   SetUpGrpc();
   auto server = std::make_unique<GrpcServer>(std::move(catalogue), options);
-  FOVEA_RETURN_IF_ERROR(server->Listen(address));
+  FOVEA_RETURN_IF_ERROR(server->Serve(std::move(listener), LimitsOf(options)));
   return server;
 }
 

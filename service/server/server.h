@@ -17,6 +17,8 @@ struct ServerOptions {
   bool insecure_plaintext = false;         // allows addresses that other machines can reach
   int threads = 0;                         // that render; 0: all processors
   int render_queue = 64;                   // frames that may wait to be rendered
+  int max_connections = 0;  // 0: 1000, or half of the descriptors the process may open if fewer
+  int max_connections_per_address = 250;
   std::chrono::milliseconds rescan_interval{1000};  // between looks for new datasets and steps
 };
 
