@@ -19,9 +19,6 @@ inline constexpr std::string_view kMetadataName = "zarr.json";
 inline constexpr std::string_view kGroupCopyName = ".fovea.group.json";
 inline constexpr int64_t kMaxSteps = 1'000'000'000;
 
-/// Whether a store could be described so; INVALID_ARGUMENT naming what could not.
-[[nodiscard]] Status ValidateInfo(const DatasetInfo& info);
-
 /// The zarr.json of the group: the `fovea` attributes, with a CRC32C over themselves.
 [[nodiscard]] StatusOr<std::string> GroupJson(const DatasetInfo& info);
 /// The same for the copy: without steps, and what comes with them.
