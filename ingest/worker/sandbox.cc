@@ -122,7 +122,7 @@ Status DropCapabilities() {
   return ::syscall(SYS_capset, &header, sets) == 0 ? absl::OkStatus() : Failed("capset");
 }
 
-int CountThreads() {
+[[maybe_unused]] int CountThreads() {  // not in sanitizer builds
   std::error_code error;
   int threads = 0;
   for (const auto& entry : std::filesystem::directory_iterator("/proc/self/task", error)) {

@@ -7,6 +7,7 @@
 #include <iterator>
 #include <string_view>
 
+#include "ingest/protocol.h"
 #include "service/cli/number_list.h"
 
 namespace fovea::cli {
@@ -327,30 +328,40 @@ std::string PinningFlags(const frames::FrameSpec& resolved, const Int3& dims) {
 }
 
 StatusOr<std::vector<double>> ParseTimes(const std::string& text) {
-  constexpr size_t kMaxBytes = 64 << 20;
-  constexpr std::string_view kBetween = ", \t\r\n;";
+  constexpr std::streamsize kMaxBytes = 64 << 20;
   std::string list = text;
   if (std::ifstream file(text, std::ios::binary); file) {
-    list.assign(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
-    if (list.size() > kMaxBytes) {
+    list.resize(static_cast<size_t>(kMaxBytes));
+    file.read(list.data(), kMaxBytes);  // it may have no end
+    if (file.gcount() == kMaxBytes) {
       return InvalidArgument("'{}' is too long for a list of times", text);
     }
+    list.resize(static_cast<size_t>(file.gcount()));
   } else if (text.find_first_not_of("0123456789+-.eE, ") != std::string::npos) {
     return NotFound("'{}' is neither a list of seconds nor a file that can be read", text);
   }
+  FOVEA_ASSIGN_OR_RETURN(std::vector<double> times, ParseTimeList(list));
+  if (times.empty()) {
+    return InvalidArgument("'{}' holds no times", text);
+  }
+  return times;
+}
+
+StatusOr<std::vector<double>> ParseTimeList(std::string_view list) {
+  constexpr std::string_view kBetween = ", \t\r\n;";
   std::vector<double> times;
   for (size_t begin = list.find_first_not_of(kBetween); begin != std::string::npos;
        begin = list.find_first_not_of(kBetween, begin)) {
     const size_t end = std::min(list.find_first_of(kBetween, begin), list.size());
-    const auto time = Number<double>(std::string_view(list).substr(begin, end - begin));
+    const auto time = Number<double>(list.substr(begin, end - begin));
     if (!time || !std::isfinite(*time)) {
-      return InvalidArgument("'{}' is not a number of seconds", list.substr(begin, end - begin));
+      constexpr size_t kMostShown = 40;
+      const std::string_view shown = list.substr(begin, std::min(end - begin, kMostShown));
+      return InvalidArgument("'{}' is not a number of seconds",
+                             ingest::Printable(std::string(shown)));
     }
     times.push_back(*time);
     begin = end;
-  }
-  if (times.empty()) {
-    return InvalidArgument("'{}' holds no times", text);
   }
   return times;
 }

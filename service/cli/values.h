@@ -19,6 +19,8 @@ namespace fovea::cli {
 /// "0,0.5,2" or the name of a file: seconds, with commas, blanks or line ends between them.
 /// NOT_FOUND if the file cannot be read.
 [[nodiscard]] StatusOr<std::vector<double>> ParseTimes(const std::string& text);
+/// What is in such a file; may be none.
+[[nodiscard]] StatusOr<std::vector<double>> ParseTimeList(std::string_view list);
 
 /// 'A', 'A-B', 'A-BxS' or 'A-': steps from A to B, B included, every S-th.
 struct StepRange {

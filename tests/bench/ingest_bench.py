@@ -114,7 +114,10 @@ def main():
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--out-of-core", action="store_true")
     options = parser.parse_args()
-    data = pathlib.Path(os.environ["FOVEA_TEST_DATA"])
+    data = pathlib.Path(os.environ.get("FOVEA_TEST_DATA", ""))
+    if not (data / "volumes").is_dir():
+        sys.exit("ingest_bench: FOVEA_TEST_DATA must name the folder of the shared volumes"
+                 " (it holds volumes/ and vdb/)")
     with tempfile.TemporaryDirectory(prefix="fovea-bench-", dir=options.folder[0]) as inputs:
         inputs = pathlib.Path(inputs)
         for frame in range(4):

@@ -16,6 +16,7 @@ void ParseAll(const std::string& text) {
   if (const auto position = ParsePosition(text); position.ok()) {
     fovea::fuzz::Require(ParsePosition(FormatPosition(*position)).ok());
   }
+  (void)ParseTimeList(text).ok();
   (void)ParseRate(text).ok();
   (void)ParseWindow(text).ok();
   (void)ParseVector(text).ok();

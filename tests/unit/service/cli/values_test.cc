@@ -93,6 +93,21 @@ TEST(Values, TransferFunctionsFromTextAndFile) {
               FailsWith(absl::StatusCode::kNotFound, "cannot be opened"));
 }
 
+TEST(Values, TimesFromTextAndFile) {
+  EXPECT_EQ(*ParseTimes("0,0.5 2"), (std::vector<double>{0, 0.5, 2}));
+  ExpectBad(ParseTimes, {"1,2e", "1,e", ",", ""});
+  EXPECT_THAT(ParseTimes("no_such_file"), FailsWith(absl::StatusCode::kNotFound, "no_such_file"));
+  const TemporaryFolder folder;
+  const std::string path = folder.path() + "/times.txt";
+  std::ofstream(path) << "0\n0.25\r\n1;\n";
+  EXPECT_EQ(*ParseTimes(path), (std::vector<double>{0, 0.25, 1}));
+  std::ofstream(path) << "1\n\x1b[2J" << std::string(1000, 'x');
+  const auto odd = ParseTimes(path);  // what is shown of it does not take the terminal over
+  EXPECT_THAT(odd, FailsWith(kInvalid, "'?[2Jxxx"));
+  EXPECT_LT(odd.status().message().size(), 100U);
+  EXPECT_THAT(ParseTimes("/dev/zero"), FailsWith(kInvalid, "too long"));  // it has no end
+}
+
 TEST(Values, ShellQuoting) {
   EXPECT_EQ(ShellQuote("density"), "density");
   EXPECT_EQ(ShellQuote("a b;c"), "'a b;c'");
