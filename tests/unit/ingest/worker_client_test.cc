@@ -162,7 +162,7 @@ TEST(WorkerClientTest, AWorkerThatMisusesSlabsIsReported) {
       return field.Consume(frame, client.slabs(), drop);
     });
   };
-  EXPECT_THAT(read("slabs and out"), FailsWith(absl::StatusCode::kDataLoss, "signal 11"));
+  EXPECT_THAT(read("slabs and out"), FailsWith(absl::StatusCode::kDataLoss, "signal 9"));
   EXPECT_THAT(read("slabs beyond"), FailsWith(absl::StatusCode::kInternal, "slab"));
   EXPECT_THAT(read("slabs forever"), FailsWith(absl::StatusCode::kDeadlineExceeded, ""));
   EXPECT_OK(Scan(&client, "fine"));

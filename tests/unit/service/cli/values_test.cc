@@ -95,7 +95,8 @@ TEST(Values, TransferFunctionsFromTextAndFile) {
 
 TEST(Values, TimesFromTextAndFile) {
   EXPECT_EQ(*ParseTimes("0,0.5 2"), (std::vector<double>{0, 0.5, 2}));
-  ExpectBad(ParseTimes, {"1,2e", "1,e", ",", ""});
+  ExpectBad(ParseTimes, {"2e", "e", "1e999", ",", ""});
+  EXPECT_THAT(ParseTimes("1,2e,3"), FailsWith(kInvalid, "'2e'"));
   EXPECT_THAT(ParseTimes("no_such_file"), FailsWith(absl::StatusCode::kNotFound, "no_such_file"));
   const TemporaryFolder folder;
   const std::string path = folder.path() + "/times.txt";
