@@ -123,11 +123,16 @@ void ValueStats::AddConstant(float value, uint64_t count) {
 }
 
 void ValueStats::MakeRoom(double least, double most) {
+  // As a double: counted in bins that were for small values, a large one is beyond int64_t.
+  const auto place = [](double value, int exponent) {
+    return std::floor(std::ldexp(value, -exponent));
+  };
   const auto bin = [&](double value, int exponent) {
-    return static_cast<int64_t>(std::floor(std::ldexp(value, -exponent)));
+    return static_cast<int64_t>(place(value, exponent));
   };
   const bool is_new = fine_.empty();
-  if (!is_new && bin(least, exponent_) >= first_ && bin(most, exponent_) < first_ + kBins) {
+  if (!is_new && place(least, exponent_) >= static_cast<double>(first_) &&
+      place(most, exponent_) < static_cast<double>(first_ + kBins)) {
     return;
   }
   // The narrowest bins with which the range takes up half of them: between 1/4 and 1/2.
@@ -135,10 +140,11 @@ void ValueStats::MakeRoom(double least, double most) {
   const int exponent = is_new ? wanted : std::max(wanted, exponent_);
   const int64_t used = bin(most, exponent) - bin(least, exponent) + 1;
   const int64_t first = bin(least, exponent) - (kBins - used) / 2;
+  const int shift = std::min(exponent - exponent_, 63);  // by more, it would be undefined
   std::vector<uint64_t> counts(static_cast<size_t>(kBins));
   for (int64_t i = 0; i < std::ssize(fine_); ++i) {
     if (const uint64_t count = fine_[static_cast<size_t>(i)]; count > 0) {
-      const int64_t at = ((first_ + i) >> (exponent - exponent_)) - first;
+      const int64_t at = ((first_ + i) >> shift) - first;
       counts[static_cast<size_t>(at)] += count;
     }
   }

@@ -76,6 +76,28 @@ void ExpectWithinBound(const std::vector<float>& values, ValueStats stats) {
   }
 }
 
+/// What damaged files hold: later values are so large that all earlier ones are in one bin.
+TEST(ValueStatsTest, ValuesOfAnySizeAfterSmallOnes) {
+  const std::vector<float> small = {1000, 1000.5F, 1001};
+  for (const float large :
+       {0x1p40F, 0x1p63F, 0x1p64F, 0x1p66F, 0x1p100F, 3e38F, -0x1p64F, -3e38F}) {
+    for (const float scale : {1.0F, 1e-20F, 1e-41F}) {
+      std::vector<float> all;
+      for (const float value : small) {
+        all.push_back(value * scale);
+      }
+      ValueStats stats;
+      stats.Add(std::span<const float>(all));
+      stats.AddConstant(large, 2);
+      all.insert(all.end(), 2, large);
+      stats.Add(std::span<const float>(small));
+      all.insert(all.end(), small.begin(), small.end());
+      SCOPED_TRACE(::testing::Message() << large << " after " << scale);
+      ExpectWithinBound(all, stats);
+    }
+  }
+}
+
 TEST(ValueStatsTest, FloatsAreCountedWithinTheBoundHoweverTheyCome) {
   std::mt19937 random(12);
   struct Case {
