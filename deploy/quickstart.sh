@@ -37,7 +37,7 @@ build() {
     cmake --preset release -B "$folder" -DFOVEA_BUILD_TESTS=OFF -DFOVEA_BUILD_BENCH=OFF > "$out/configure.log" ||
       fail "cmake failed; its output is in $out/configure.log"
   fi
-  cmake --build "$folder" --target fovea fovead fovea-worker --parallel "$(nproc)"
+  cmake --build "$folder" --target fovea fovead fovea-worker fovea-vdb-worker --parallel "$(nproc)"
   fovea=$folder/bin/fovea
   "$fovea" --version
 }

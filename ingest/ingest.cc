@@ -143,6 +143,7 @@ class Run {
   const ProgressCallback& progress_;
   std::vector<SequenceFile> files_;
   std::vector<ScannedFile> scanned_;
+  Workers workers_;
   std::optional<store::SourceInfo> source_;
   SeriesPlan plan_;
   Hierarchy hierarchy_;
@@ -242,8 +243,9 @@ Status Run::ScanAndPlan(const std::optional<ExistingStore>& existing, bool from_
   scanned_ = given_.scanned;
   if (scanned_.empty()) {
     FOVEA_ASSIGN_OR_RETURN(
-        scanned_, ScanFiles(options_, files_, from_voxels,
-                            [&](const std::string& path) { return GoOn(0, total, path); }));
+        scanned_, ScanFiles(
+                      options_, files_, from_voxels,
+                      [&](const std::string& path) { return GoOn(0, total, path); }, &workers_));
   }
   FOVEA_ASSIGN_OR_RETURN(plan_, PlanSeries(options_, scanned_, existing));
   return absl::OkStatus();
@@ -330,7 +332,7 @@ Status Run::GoOnWithStore(bool from_voxels) {
 
 Status Run::WriteSteps(bool from_voxels) {
   const auto total = static_cast<int64_t>(plan_.steps.size());
-  StepReader reader(options_, plan_);
+  StepReader reader(options_, plan_, std::move(workers_));
   for (const PlannedStep& step : plan_.steps) {
     if (!GoOn(report_.steps, total, step.sources.front().path)) {
       return Cancelled("stopped as asked, after {} of {} steps", report_.steps, total);

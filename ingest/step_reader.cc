@@ -62,11 +62,33 @@ WorkerOptions WorkerFor(const IngestOptions& options, int64_t declared_bytes,
   WorkerOptions worker;
   worker.limits = options.worker;
   worker.declared_bytes = declared_bytes;
-  worker.pictures = std::any_of(files.begin(), files.end(), [](const std::string& path) {
-    return FormatByName(path) == FileFormat::kPicture;
-  });
+  for (const std::string& path : files) {
+    const FileFormat format = FormatByName(path);
+    worker.pictures |= format == FileFormat::kPicture;
+    worker.openvdb |= format == FileFormat::kVdb || format == FileFormat::kUnknown;
+  }
+  worker.openvdb &= !options.raw;
   worker.files = std::move(files);
   return worker;
+}
+
+size_t LanesOf(const IngestOptions& options, size_t steps) {
+  const int threads = options.threads > 0 ? options.threads : HardwareThreads();
+  return std::clamp<size_t>(steps, 1, threads > 1 ? kMostLanes : 1);
+}
+
+/// As many as will read, though one scans: a worker takes its time to start. Files are compressed
+/// more often than not, so that what they declare will be more than their size.
+void StartWorkers(const IngestOptions& options, const std::vector<SequenceFile>& files,
+                  Workers* workers) {
+  constexpr int64_t kMostExpansion = 4;
+  const int64_t largest = std::min(LargestFile(files), INT64_MAX / kMostExpansion);
+  const WorkerOptions needed = WorkerFor(options, kMostExpansion * largest, PathsOf(files));
+  workers->clear();
+  for (size_t lane = 0; lane < LanesOf(options, files.size()); ++lane) {
+    workers->push_back(std::make_unique<WorkerClient>(needed));
+    workers->back()->Prepare();
+  }
 }
 
 ReaderHints HintsOf(const IngestOptions& options) {
@@ -121,8 +143,8 @@ StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile&
 
 StatusOr<std::vector<ScannedFile>> ScanFiles(
     const IngestOptions& options, const std::vector<SequenceFile>& files, bool from_voxels,
-    const std::function<bool(const std::string& path)>& on_file) {
-  WorkerClient client(WorkerFor(options, LargestFile(files), PathsOf(files)));
+    const std::function<bool(const std::string& path)>& on_file, Workers* workers) {
+  StartWorkers(options, files, workers);
   std::vector<ScannedFile> scanned;
   for (const SequenceFile& file : files) {
     if (!on_file(file.path)) {
@@ -134,20 +156,24 @@ StatusOr<std::vector<ScannedFile>> ScanFiles(
       scanned.push_back(std::move(held));
       continue;
     }
-    FOVEA_ASSIGN_OR_RETURN(ScannedFile one, ScanFile(options, file, from_voxels, &client));
+    FOVEA_ASSIGN_OR_RETURN(ScannedFile one,
+                           ScanFile(options, file, from_voxels, workers->front().get()));
     scanned.push_back(std::move(one));
   }
   return scanned;
 }
 
-StepReader::StepReader(const IngestOptions& options, const SeriesPlan& plan)
+StepReader::StepReader(const IngestOptions& options, const SeriesPlan& plan, Workers workers)
     : options_(options), plan_(plan) {
-  const int threads = options.threads > 0 ? options.threads : HardwareThreads();
-  const size_t lanes = std::clamp<size_t>(plan.steps.size(), 1, threads > 1 ? kMostLanes : 1);
-  for (size_t lane = 0; lane < lanes; ++lane) {
-    lanes_.push_back(
-        std::make_unique<Lane>(WorkerFor(options, plan.declared_bytes, PathsOf(plan))));
+  const WorkerOptions needed = WorkerFor(options, plan.declared_bytes, PathsOf(plan));
+  workers.resize(LanesOf(options, plan.steps.size()));
+  for (std::unique_ptr<WorkerClient>& worker : workers) {
+    if (worker == nullptr || !worker->Suits(needed)) {
+      worker = std::make_unique<WorkerClient>(needed);
+    }
+    lanes_.push_back(std::make_unique<Lane>(std::move(worker)));
   }
+  const size_t lanes = lanes_.size();
   for (size_t lane = 0; lane < lanes; ++lane) {
     lanes_[lane]->thread = std::thread([this, lane] { ReadAll(lane); });
   }
@@ -160,7 +186,7 @@ StepReader::~StepReader() {
   }
   changed_.notify_all();
   for (const auto& lane : lanes_) {
-    lane->client.Interrupt();
+    lane->client->Interrupt();
   }
   for (const auto& lane : lanes_) {
     lane->thread.join();
@@ -236,7 +262,7 @@ Status StepReader::Read(const PlannedStep& step, Lane* lane) {
         request.grids.push_back(other.grid);
       }
     }
-    lane->client.Allow(plan_.file_sets[source.file_set]);
+    lane->client->Allow(plan_.file_sets[source.file_set]);
     FOVEA_RETURN_IF_ERROR(ReadFields(source.path, request, members, &bytes_left, lane));
   }
   return Push(lane, StepPart(StepEnd{watch.ElapsedMs() - lane->waited_ms}), 0);
@@ -251,14 +277,14 @@ Status StepReader::ReadFields(const std::string& path, const ReadRequest& reques
     const int64_t bytes = slices.bytes;
     const Status pushed =
         Push(lane, StepPart(DensePiece{members.front(), std::move(slices)}), bytes);
-    lane->client.Excuse(
+    lane->client->Excuse(
         std::chrono::microseconds(static_cast<int64_t>(1000 * (lane->waited_ms - before))));
     return pushed;
   };
   FOVEA_RETURN_IF_ERROR(
-      lane->client.Call(path, Encode(request), {}, [&](const FrameView& reply) -> Status {
+      lane->client->Call(path, Encode(request), {}, [&](const FrameView& reply) -> Status {
         const bool is_dense = reply.kind == FrameKind::kDense && members.size() == 1;
-        return is_dense || dense.has_begun() ? dense.Consume(reply, lane->client.slabs(), push)
+        return is_dense || dense.has_begun() ? dense.Consume(reply, lane->client->slabs(), push)
                                              : assembler.Consume(reply);
       }));
   if (dense.has_begun()) {

@@ -24,11 +24,15 @@
 
 namespace fovea::ingest {
 
+/// Worker processes of one series, each confined to its files.
+using Workers = std::vector<std::unique_ptr<WorkerClient>>;
+
 /// Pass 1: asks a worker what is in each file (a file that is held is asked about once).
 /// `from_voxels`: find the boxes from the voxels. `on_file` returns false to stop (CANCELLED).
+/// Leaves in `workers` those that it started, for StepReader.
 [[nodiscard]] StatusOr<std::vector<ScannedFile>> ScanFiles(
     const IngestOptions& options, const std::vector<SequenceFile>& files, bool from_voxels,
-    const std::function<bool(const std::string& path)>& on_file);
+    const std::function<bool(const std::string& path)>& on_file, Workers* workers);
 
 /// A whole field of a step, from a sparse file.
 struct SparseField {
@@ -52,8 +56,9 @@ using StepPart = std::variant<SparseField, DensePiece, DenseEnd, StepEnd>;
 /// that many.
 class StepReader {
  public:
-  /// `options` and `plan` must outlive the reader.
-  StepReader(const IngestOptions& options, const SeriesPlan& plan);
+  /// `options` and `plan` must outlive the reader. Of `workers`, those that may use the memory that
+  /// the plan needs go on.
+  StepReader(const IngestOptions& options, const SeriesPlan& plan, Workers workers);
   /// Stops reading, wherever it is.
   ~StepReader();
   StepReader(const StepReader&) = delete;
@@ -65,8 +70,8 @@ class StepReader {
  private:
   /// What reads every n-th step.
   struct Lane {
-    explicit Lane(WorkerOptions worker) : client(std::move(worker)) {}
-    WorkerClient client;
+    explicit Lane(std::unique_ptr<WorkerClient> worker) : client(std::move(worker)) {}
+    std::unique_ptr<WorkerClient> client;
     std::deque<StatusOr<StepPart>> parts;  // guarded by mutex_
     int64_t bytes = 0;                     // of them; guarded by mutex_
     double waited_ms = 0;                  // for room for parts

@@ -125,9 +125,11 @@ int64_t WorkerMemoryBytes(const WorkerOptions& options) {
 }
 
 Status WorkerClient::Start(Channel::Deadline deadline) {
-  std::string program = options_.program;
-  if (program.empty()) {
-    FOVEA_ASSIGN_OR_RETURN(program, FindProgram("fovea-worker"));
+  is_ready_ = false;
+  program_ = options_.program;
+  if (program_.empty()) {
+    FOVEA_ASSIGN_OR_RETURN(program_,
+                           FindProgram(options_.openvdb ? "fovea-vdb-worker" : "fovea-worker"));
   }
   FOVEA_ASSIGN_OR_RETURN(std::unique_ptr<SlabRing> slabs, SlabRing::Make());
   int sockets[2] = {-1, -1};
@@ -135,7 +137,7 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
     return Unavailable("cannot make a socket pair: {}", std::strerror(errno));
   }
   channel_ = std::make_unique<Channel>(sockets[0]);
-  const auto pid = Spawn(program,
+  const auto pid = Spawn(program_,
                          {"--memory-bytes", std::to_string(WorkerMemoryBytes(options_)),
                           "--cpu-seconds", std::to_string(ProcessorSecondsPerFile(options_.limits)),
                           "--dies-with-thread", options_.dies_with_thread ? "1" : "0"},
@@ -148,10 +150,10 @@ Status WorkerClient::Start(Channel::Deadline deadline) {
     const std::lock_guard lock(pid_mutex_);
     pid_ = *pid;
   }
-  return Annotate(Introduce(deadline), program);
+  return Annotate(Introduce(deadline), program_);
 }
 
-/// Tells the worker what it may read, and waits until it can read nothing else.
+/// Tells the worker what it may read.
 Status WorkerClient::Introduce(Channel::Deadline deadline) {
   readable_.clear();
   for (const std::string& path : options_.files) {
@@ -161,13 +163,39 @@ Status WorkerClient::Introduce(Channel::Deadline deadline) {
     FOVEA_RETURN_IF_ERROR(channel_->Send(frame, deadline));
   }
   FOVEA_RETURN_IF_ERROR(channel_->Send(Encode(BeginRequest{options_.pictures}), deadline));
-  FOVEA_RETURN_IF_ERROR(channel_->Flush(deadline));
+  return channel_->Flush(deadline);
+}
+
+/// Waits until the worker can read nothing else.
+Status WorkerClient::ReceiveHello(Channel::Deadline deadline) {
   FOVEA_ASSIGN_OR_RETURN(const FrameView reply, channel_->Receive(deadline));
   if (reply.kind == FrameKind::kError) {
     return DecodeError(reply);
   }
   FOVEA_ASSIGN_OR_RETURN(hello_, DecodeHello(reply));
+  is_ready_ = true;
   return absl::OkStatus();
+}
+
+Status WorkerClient::MakeReady(Channel::Deadline deadline) {
+  ForgetIfDead();
+  if (channel_ == nullptr) {
+    FOVEA_RETURN_IF_ERROR(Start(deadline));
+  }
+  return is_ready_ ? absl::OkStatus() : Annotate(ReceiveHello(deadline), program_);
+}
+
+void WorkerClient::Prepare() {
+  if (channel_ == nullptr && !Start(NewDeadline()).ok()) {
+    Stop();  // the next call tries again, and tells
+  }
+}
+
+bool WorkerClient::Suits(const WorkerOptions& options) const {
+  return options.program == options_.program && options.pictures == options_.pictures &&
+         options.openvdb == options_.openvdb &&
+         options.dies_with_thread == options_.dies_with_thread &&
+         WorkerMemoryBytes(options) <= WorkerMemoryBytes(options_);
 }
 
 WorkerClient::FileIdentity WorkerClient::Identify(const std::string& path) {
@@ -196,10 +224,7 @@ void WorkerClient::Allow(const std::vector<std::string>& files) {
 Status WorkerClient::Exchange(const Frame& request, std::string_view attachment,
                               const std::function<Status(const FrameView&)>& on_reply,
                               bool* is_clean) {
-  ForgetIfDead();
-  if (channel_ == nullptr) {
-    FOVEA_RETURN_IF_ERROR(Start(deadline_));
-  }
+  FOVEA_RETURN_IF_ERROR(MakeReady(deadline_));
   FOVEA_RETURN_IF_ERROR(channel_->Send(request, deadline_));
   for (size_t begin = 0; begin < attachment.size(); begin += kAttachmentPieceBytes) {
     const Frame piece{FrameKind::kBytes,
@@ -250,14 +275,8 @@ Status WorkerClient::Call(const std::string& about, const Frame& request,
 }
 
 StatusOr<Hello> WorkerClient::Greet() {
-  ForgetIfDead();
-  if (channel_ == nullptr) {
-    const Status status = Start(NewDeadline());
-    if (!status.ok()) {
-      return GiveUp(status);
-    }
-  }
-  return hello_;
+  const Status status = MakeReady(NewDeadline());
+  return status.ok() ? StatusOr<Hello>(hello_) : GiveUp(status);
 }
 
 Status WorkerClient::GiveUp(const Status& status) {

@@ -24,13 +24,16 @@ struct WorkerOptions {
   WorkerLimits limits;
   /// The most bytes that one grid or file declares to need in memory.
   int64_t declared_bytes = 0;
-  std::string program;  // empty: fovea-worker, where FindProgram finds it
+  std::string program;  // empty: the worker's, where FindProgram finds it
   /// Whether the process goes with the thread that started it, not only with the client.
   bool dies_with_thread = true;
   /// All that the worker may read; Allow adds to it.
   std::vector<std::string> files;
   /// Whether it needs OpenImageIO, which takes most of a second to load.
   bool pictures = false;
+  /// Whether it needs OpenVDB, which takes longer to load than a small volume to read: then the
+  /// program is fovea-vdb-worker, else fovea-worker.
+  bool openvdb = false;
 };
 
 /// The memory limit of a worker: as asked for, else 512 MB + 3 x the declared bytes, at most what
@@ -45,6 +48,13 @@ class WorkerClient {
   ~WorkerClient() { Stop(); }
   WorkerClient(const WorkerClient&) = delete;
   WorkerClient& operator=(const WorkerClient&) = delete;
+
+  /// Starts a worker and does not wait until it is ready: the next call does. What goes wrong is
+  /// told then.
+  void Prepare();
+  /// Whether one for `options` would be started as this one was, but for files and a memory limit
+  /// that is no higher.
+  [[nodiscard]] bool Suits(const WorkerOptions& options) const;
 
   /// Sends `request`, with `attachment` in pieces behind it, and gives each reply to `on_reply`, up
   /// to the end of the answer. Every error begins with `about`, the file in question: what the
@@ -84,6 +94,9 @@ class WorkerClient {
   };
   [[nodiscard]] static FileIdentity Identify(const std::string& path);
   [[nodiscard]] Status Introduce(Channel::Deadline deadline);
+  [[nodiscard]] Status ReceiveHello(Channel::Deadline deadline);
+  /// Starts a worker if none runs, and waits until it is ready.
+  [[nodiscard]] Status MakeReady(Channel::Deadline deadline);
   [[nodiscard]] Channel::Deadline NewDeadline() const;
   /// What a call failed of, for people; the worker is stopped.
   [[nodiscard]] Status GiveUp(const Status& status);
@@ -103,6 +116,8 @@ class WorkerClient {
   std::unique_ptr<Channel> channel_;
   Channel::Deadline deadline_;                              // of the call in hand
   std::unordered_map<std::string, FileIdentity> readable_;  // for the worker that runs
+  std::string program_;                                     // of it
+  bool is_ready_ = false;                                   // hello_ came
   Hello hello_;                                             // of it
   mutable std::mutex pid_mutex_;
   pid_t pid_ = 0;  // guarded by pid_mutex_

@@ -162,6 +162,7 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace fovea::ingest
 
+// fovea-worker and fovea-vdb-worker differ in what they link as vdb_reader.h.
 int main(int argc, char** argv) {
   return fovea::ingest::Main(argc, argv);
 }

@@ -19,7 +19,7 @@ namespace fovea::ingest {
 /// Sends what the wanted grids hold inside the extent: every voxel and tile, active or not.
 [[nodiscard]] Status ReadVdb(const ReadRequest& request, Channel* channel);
 
-/// "10.0.1".
+/// "10.0.1"; empty in fovea-worker, whose ScanVdb and ReadVdb are errors.
 [[nodiscard]] std::string OpenVdbVersion();
 
 }  // namespace fovea::ingest

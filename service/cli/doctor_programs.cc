@@ -35,13 +35,15 @@ Finding CheckSeccomp(const ingest::Confinement& kernel) {
           "or use a kernel with CONFIG_SECCOMP_FILTER on x86-64 or arm64"};
 }
 
-ingest::WorkerOptions Worker(bool pictures) {
+/// What a worker says of itself that loads what such files need.
+StatusOr<ingest::Hello> Greet(bool pictures, bool openvdb) {
   constexpr double kPatienceSeconds = 30;
   ingest::WorkerOptions options;
   options.limits.memory_bytes = 0;
   options.limits.seconds_per_file = kPatienceSeconds;
   options.pictures = pictures;
-  return options;
+  options.openvdb = openvdb;
+  return ingest::WorkerClient(options).Greet();
 }
 
 std::string InForce(const ingest::Hello& hello) {
@@ -51,28 +53,29 @@ std::string InForce(const ingest::Hello& hello) {
       hello.system_calls_filtered ? "seccomp" : "no seccomp");
 }
 
-/// The worker, asked with OpenImageIO, and if that fails without.
-std::vector<Finding> CheckWorker() {
-  ingest::WorkerClient with_pictures(Worker(true));
-  StatusOr<ingest::Hello> hello = with_pictures.Greet();
-  Finding pictures{"OpenImageIO", "", Verdict::kGood, ""};
-  if (hello.ok()) {
-    pictures.found = hello->openimageio;
-  } else {
-    pictures = {"OpenImageIO", std::string(MessageOf(hello.status())), Verdict::kLacking,
-                "without it no EXR or TIFF can be read or written (Debian: apt-get install "
-                "libopenimageio2.4)"};
-    ingest::WorkerClient without(Worker(false));
-    hello = without.Greet();
-  }
-  if (!hello.ok()) {
-    return {{"fovea-worker", std::string(MessageOf(hello.status())), Verdict::kMissing,
+std::vector<Finding> CheckWorkers() {
+  const StatusOr<ingest::Hello> plain = Greet(/*pictures=*/false, /*openvdb=*/false);
+  if (!plain.ok()) {
+    return {{"fovea-worker", std::string(MessageOf(plain.status())), Verdict::kMissing,
              "no foreign file can be read: put the program beside fovea, or name its folder in "
              "FOVEA_LIBEXEC"}};
   }
-  return {{"fovea-worker", InForce(*hello), Verdict::kGood, ""},
-          {"OpenVDB", hello->openvdb, Verdict::kGood, ""},
-          pictures};
+  std::vector<Finding> findings{{"fovea-worker", InForce(*plain), Verdict::kGood, ""}};
+  const StatusOr<ingest::Hello> vdb = Greet(/*pictures=*/false, /*openvdb=*/true);
+  findings.push_back(vdb.ok() ? Finding{"OpenVDB", vdb->openvdb, Verdict::kGood, ""}
+                              : Finding{"OpenVDB", std::string(MessageOf(vdb.status())),
+                                        Verdict::kLacking,
+                                        "without it no VDB file can be read: put fovea-vdb-worker "
+                                        "beside fovea-worker (Debian: apt-get install "
+                                        "libopenvdb10.0)"});
+  const StatusOr<ingest::Hello> pictures = Greet(/*pictures=*/true, /*openvdb=*/false);
+  findings.push_back(pictures.ok()
+                         ? Finding{"OpenImageIO", pictures->openimageio, Verdict::kGood, ""}
+                         : Finding{"OpenImageIO", std::string(MessageOf(pictures.status())),
+                                   Verdict::kLacking,
+                                   "without it no EXR or TIFF can be read or written (Debian: "
+                                   "apt-get install libopenimageio2.4)"});
+  return findings;
 }
 
 Finding CheckServer() {
@@ -104,7 +107,7 @@ std::vector<Finding> CheckPrograms() {
   std::string problem;
   const ingest::Confinement kernel = ingest::KernelConfinement(&problem);
   std::vector<Finding> findings{CheckLandlock(kernel, problem), CheckSeccomp(kernel)};
-  for (Finding& finding : CheckWorker()) {
+  for (Finding& finding : CheckWorkers()) {
     findings.push_back(std::move(finding));
   }
   findings.push_back(CheckServer());

@@ -155,9 +155,11 @@ StatusOr<std::vector<ingest::SequenceFile>> AllFiles(const ingest::IngestOptions
            file.path.ends_with(".hdr") || file.path.ends_with(".hdr.gz");
   };
   if (!options.raw && std::any_of(files.begin(), files.end(), is_header)) {
-    FOVEA_ASSIGN_OR_RETURN(const auto scanned,
-                           ingest::ScanFiles(options, files, /*from_voxels=*/false,
-                                             [](const std::string&) { return true; }));
+    ingest::Workers workers;
+    const auto go_on = [](const std::string&) { return true; };
+    FOVEA_ASSIGN_OR_RETURN(
+        const auto scanned,
+        ingest::ScanFiles(options, files, /*from_voxels=*/false, go_on, &workers));
     for (size_t i = 0; i < files.size(); ++i) {
       files[i] = scanned[i].file;
     }

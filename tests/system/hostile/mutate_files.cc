@@ -112,10 +112,12 @@ struct Tally {
 Status Take(const IngestOptions& options, const std::string& path) {
   FOVEA_ASSIGN_OR_RETURN(const std::vector<SequenceFile> files,
                          ResolveInputs({path}, OnMissing::kError));
+  Workers workers;
+  const auto go_on = [](const std::string&) { return true; };
   FOVEA_ASSIGN_OR_RETURN(const std::vector<ScannedFile> scanned,
-                         ScanFiles(options, files, false, [](const std::string&) { return true; }));
+                         ScanFiles(options, files, false, go_on, &workers));
   FOVEA_ASSIGN_OR_RETURN(const SeriesPlan plan, PlanSeries(options, scanned, std::nullopt));
-  StepReader reader(options, plan);
+  StepReader reader(options, plan, std::move(workers));
   for (size_t step = 0; step < plan.steps.size(); ++step) {
     FOVEA_RETURN_IF_ERROR(reader.Next().status());
   }

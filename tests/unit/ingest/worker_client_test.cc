@@ -95,6 +95,7 @@ TEST(WorkerClientTest, AWorkerIsReplacedForAFileThatItWasNotStartedWith) {
 
 TEST(WorkerClientTest, TheRealWorkerReadsNothingButWhatWasAllowed) {
   WorkerOptions options;
+  options.openvdb = true;
   options.files = {FOVEA_SOURCE_DIR "/tests/data/plume/plume_0001.vdb"};
   WorkerClient client(options);
   const auto hello = client.Greet();
