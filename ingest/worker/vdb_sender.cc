@@ -59,23 +59,50 @@ class TreeWalk {
                          kIsMask ? tree.isValueOn(at) : tree.getValue(at));
   }
 
+  /// The children that the clip reaches: a node has up to 32^3, and a small grid is in one of them.
   template <typename NodeT, typename Visitor>
   static Status VisitNode(const NodeT& node, const CoordBBox& clip, Visitor* visitor) {
-    for (openvdb::Index i = 0; i < NodeT::NUM_VALUES; ++i) {
-      const CoordBBox box = Clip(node.offsetToGlobalCoord(i), NodeT::ChildNodeType::DIM, clip);
-      if (box.empty()) {
-        continue;
+    Coord first;
+    Coord last;  // both in children from the node's origin
+    for (int axis = 0; axis < 3; ++axis) {
+      const int64_t lo = int64_t{clip.min()[axis]} - node.origin()[axis];
+      const int64_t hi = int64_t{clip.max()[axis]} - node.origin()[axis];
+      if (hi < 0 || lo >= int64_t{NodeT::DIM}) {
+        return absl::OkStatus();
       }
-      if (!node.isChildMaskOn(i)) {
-        FOVEA_RETURN_IF_ERROR(
-            visitor->Tile(box, kIsMask ? node.isValueMaskOn(i) : node.getTable()[i].getValue()));
-      } else if constexpr (NodeT::ChildNodeType::LEVEL == 0) {
-        FOVEA_RETURN_IF_ERROR(visitor->Leaf(*node.getTable()[i].getChild(), box));
-      } else {
-        FOVEA_RETURN_IF_ERROR(VisitNode(*node.getTable()[i].getChild(), clip, visitor));
+      constexpr int64_t kChildDim = NodeT::ChildNodeType::DIM;
+      first[axis] = static_cast<int32_t>(std::max<int64_t>(lo, 0) / kChildDim);
+      last[axis] = static_cast<int32_t>(std::min<int64_t>(hi, NodeT::DIM - 1) / kChildDim);
+    }
+    Coord at;
+    for (at.x() = first.x(); at.x() <= last.x(); ++at.x()) {
+      for (at.y() = first.y(); at.y() <= last.y(); ++at.y()) {
+        for (at.z() = first.z(); at.z() <= last.z(); ++at.z()) {
+          FOVEA_RETURN_IF_ERROR(VisitChild(node, at, clip, visitor));
+        }
       }
     }
     return absl::OkStatus();
+  }
+
+  template <typename NodeT, typename Visitor>
+  static Status VisitChild(const NodeT& node, const Coord& at, const CoordBBox& clip,
+                           Visitor* visitor) {
+    using ChildT = typename NodeT::ChildNodeType;
+    const auto i = static_cast<openvdb::Index>(
+        (((at.x() << NodeT::LOG2DIM) + at.y()) << NodeT::LOG2DIM) + at.z());
+    const CoordBBox box = Clip(node.offsetToGlobalCoord(i), ChildT::DIM, clip);
+    if (box.empty()) {
+      return absl::OkStatus();
+    }
+    if (!node.isChildMaskOn(i)) {
+      return visitor->Tile(box, kIsMask ? node.isValueMaskOn(i) : node.getTable()[i].getValue());
+    }
+    if constexpr (ChildT::LEVEL == 0) {
+      return visitor->Leaf(*node.getTable()[i].getChild(), box);
+    } else {
+      return VisitNode(*node.getTable()[i].getChild(), clip, visitor);
+    }
   }
 };
 
