@@ -7,10 +7,13 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <dlfcn.h>
+#include <link.h>
 
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
@@ -57,12 +60,28 @@ Status Answer(const FrameView& request, Channel* channel) {
   }
 }
 
-/// OpenVDB, as Debian builds it, logs through log4cplus, which starts four threads before main and
-/// never uses them. The sandbox must come before any thread. Looked up by name, because another
-/// build of OpenVDB has no log4cplus.
+/// The loaded library of that name, in whatever version; null: not loaded.
+void* LoadedLibrary(const char* name) {
+  std::pair<const char*, std::string> search{name, ""};
+  ::dl_iterate_phdr(
+      [](dl_phdr_info* info, size_t, void* context) {
+        auto& [wanted, found] = *static_cast<std::pair<const char*, std::string>*>(context);
+        if (std::strstr(info->dlpi_name, wanted) != nullptr) {
+          found = info->dlpi_name;
+        }
+        return found.empty() ? 0 : 1;
+      },
+      &search);
+  return search.second.empty() ? nullptr : ::dlopen(search.second.c_str(), RTLD_LAZY | RTLD_NOLOAD);
+}
+
+/// OpenVDB, as Debian builds it (OpenImageIO brings it along), logs through log4cplus, which starts
+/// four threads when it is loaded and never uses them. The sandbox must come before any thread.
+/// Looked up by name, because another build of OpenVDB has no log4cplus.
 void StopLogThreads() {
   constexpr char kShutdownThreadPool[] = "_ZN9log4cplus18shutdownThreadPoolEv";
-  void* symbol = ::dlsym(RTLD_DEFAULT, kShutdownThreadPool);
+  void* library = LoadedLibrary("/liblog4cplus");
+  void* symbol = library == nullptr ? nullptr : ::dlsym(library, kShutdownThreadPool);
   if (symbol != nullptr) {
     reinterpret_cast<void (*)()>(symbol)();
   }
