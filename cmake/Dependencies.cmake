@@ -4,6 +4,7 @@ find_package(PkgConfig REQUIRED)
 find_package(absl CONFIG REQUIRED)
 find_package(Protobuf 3.21 REQUIRED)          # module mode: Debian ships no protobuf-config.cmake
 find_package(gRPC 1.51 CONFIG REQUIRED)
+find_package(OpenSSL 3.0 REQUIRED)            # SHA-256 of tokens, checks of certificates
 find_package(TBB 2021 CONFIG REQUIRED)        # before OpenVDB, whose FindTBB then finds the target defined
 find_package(fmt 9 CONFIG REQUIRED)
 find_package(spdlog 1.10 CONFIG REQUIRED)

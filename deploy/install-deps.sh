@@ -7,7 +7,7 @@ set -euo pipefail
 
 build_packages=(
   g++ cmake ninja-build pkg-config ccache git ca-certificates
-  libabsl-dev libprotobuf-dev protobuf-compiler libgrpc++-dev protobuf-compiler-grpc
+  libabsl-dev libprotobuf-dev protobuf-compiler libgrpc++-dev protobuf-compiler-grpc libssl-dev
   libtbb-dev libhwy-dev libzstd-dev libisal-dev libspdlog-dev libcli11-dev nlohmann-json3-dev
   libpng-dev libjpeg62-turbo-dev zlib1g-dev libnifti-dev
   libopenvdb-dev libboost-iostreams-dev libopenimageio-dev
@@ -15,7 +15,7 @@ build_packages=(
 )
 test_packages=(
   libgtest-dev libgmock-dev libblosc-dev
-  python3 python3-numpy
+  python3 python3-numpy openssl
 )
 
 packages=("${build_packages[@]}")

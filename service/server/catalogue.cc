@@ -190,8 +190,7 @@ StatusOr<Catalogue::Entry> Catalogue::Lookup(const std::string& name) const {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(name);
   if (found == entries_.end()) {
-    return NotFound("no dataset '{}'; ListDatasets (`fovea info --server`) says which there are",
-                    wire::Printable(name));
+    return NoDataset(name);
   }
   return found->second;
 }
@@ -213,13 +212,14 @@ StatusOr<std::shared_ptr<ServedDataset>> Catalogue::Find(const std::string& name
   return entry->dataset;
 }
 
-Catalogue::Page Catalogue::List(const std::string& after, size_t limit) {
+Catalogue::Page Catalogue::List(const std::string& after, size_t limit,
+                                const std::function<bool(const std::string&)>& visible) {
   Rescan(false);
   Page page;
   {
     const std::lock_guard lock(mutex_);
     for (auto it = entries_.upper_bound(after); it != entries_.end() && !page.more; ++it) {
-      if (it->second.dataset == nullptr) {
+      if (it->second.dataset == nullptr || !visible(it->first)) {
         continue;
       }
       page.more = page.datasets.size() == limit;
@@ -251,7 +251,14 @@ Status Catalogue::WithoutRoot(const Status& status) const {
   if (message == MessageOf(status)) {
     return status;
   }
-  return MakeStatus(status.code(), message);
+  return wire::WithMessage(status, message);
+}
+
+Status NoDataset(std::string_view name) {
+  return wire::WithResource(
+      NotFound("no dataset '{}'; ListDatasets (`fovea info --server`) says which there are",
+               wire::Printable(name)),
+      "fovea.v1.Dataset", name);
 }
 
 }  // namespace fovea::server

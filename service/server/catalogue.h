@@ -3,10 +3,12 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -37,9 +39,10 @@ class Catalogue {
     std::vector<std::shared_ptr<ServedDataset>> datasets;  // by name
     bool more = false;                                     // whether any come after
   };
-  /// At most `limit` datasets whose names come after `after`; those that cannot be opened are left
-  /// out.
-  [[nodiscard]] Page List(const std::string& after, size_t limit);
+  /// At most `limit` datasets whose names come after `after` and are `visible`; those that cannot
+  /// be opened are left out.
+  [[nodiscard]] Page List(const std::string& after, size_t limit,
+                          const std::function<bool(const std::string& name)>& visible);
 
   [[nodiscard]] size_t size() const;
   /// `status` without the root's path in its message: clients need not know it.
@@ -78,6 +81,9 @@ class Catalogue {
   mutable std::mutex mutex_;
   std::map<std::string, Entry> entries_;  // guarded by mutex_
 };
+
+/// The error for a dataset that is not there, or that a caller may not know of.
+[[nodiscard]] Status NoDataset(std::string_view name);
 
 }  // namespace fovea::server
 

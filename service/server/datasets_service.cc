@@ -12,9 +12,11 @@
 namespace fovea::server {
 namespace {
 
-v1::ListDatasetsResponse List(Catalogue& catalogue, const wire::ListRequest& request) {
+v1::ListDatasetsResponse List(Catalogue& catalogue, const access::Caller& caller,
+                              const wire::ListRequest& request) {
   v1::ListDatasetsResponse response;
-  const Catalogue::Page page = catalogue.List(request.after, request.page_size);
+  const Catalogue::Page page = catalogue.List(
+      request.after, request.page_size, [&](const std::string& name) { return caller.Sees(name); });
   for (const auto& dataset : page.datasets) {
     const auto summary = dataset->Summary(false);
     if (!summary.ok()) {
@@ -37,11 +39,12 @@ StatusOr<v1::Dataset> Get(Catalogue& catalogue, const std::string& name) {
 
 }  // namespace
 
-grpc::ServerUnaryReactor* DatasetsService::ListDatasets(grpc::CallbackServerContext* /*context*/,
+grpc::ServerUnaryReactor* DatasetsService::ListDatasets(grpc::CallbackServerContext* context,
                                                         const v1::ListDatasetsRequest* request,
                                                         v1::ListDatasetsResponse* response) {
-  const auto call =
-      UnaryCall<v1::ListDatasetsResponse>::Start(services_, "ListDatasets", "", response);
+  const auto call = UnaryCall<v1::ListDatasetsResponse>::Start(
+      services_, *context, "ListDatasets",
+      {.bytes_in = static_cast<int64_t>(request->ByteSizeLong())}, response);
   auto parsed = wire::FromProto(*request);
   if (!parsed.ok()) {
     call->Complete(parsed.status());
@@ -49,16 +52,18 @@ grpc::ServerUnaryReactor* DatasetsService::ListDatasets(grpc::CallbackServerCont
   }
   call->Enqueue(services_.lookups, 0,
                 [call, &services = services_, request = *std::move(parsed)](int) {
-                  call->Complete(List(*services.catalogue, request));
+                  call->Complete(List(*services.catalogue, call->caller(), request));
                 });
   return call.get();
 }
 
-grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContext* /*context*/,
+grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContext* context,
                                                       const v1::GetDatasetRequest* request,
                                                       v1::Dataset* response) {
-  const auto call =
-      UnaryCall<v1::Dataset>::Start(services_, "GetDataset", request->dataset(), response);
+  const auto call = UnaryCall<v1::Dataset>::Start(
+      services_, *context, "GetDataset",
+      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
+      response);
   if (const Status named = wire::CheckDatasetName(request->dataset()); !named.ok()) {
     call->Complete(named);
     return call.get();

@@ -48,12 +48,12 @@ StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset
   const auto retained = RetainedSet::Make(info.hierarchy, frames::FoveaOf(job.spec));
   FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(retained.status(), "spec"));
   const int64_t super_voxels = retained->SuperVoxelCount();
-  const int64_t pixels = *job.spec.width_px * *job.spec.height_px;
-  FOVEA_RETURN_IF_ERROR(CheckCost(pixels, super_voxels, job.spec));
+  job.pixels = *job.spec.width_px * *job.spec.height_px;
+  FOVEA_RETURN_IF_ERROR(CheckCost(job.pixels, super_voxels, job.spec));
   job.render_bytes = static_cast<int64_t>(frames::FrameBytes(info, *retained, job.spec));
   const int64_t pixel_bytes =
       std::max(kCompressedBytesPerPixel, wire::RawPixelBytes(job.spec.encoding));
-  job.reply_bytes = pixel_bytes * pixels + kReplyOverheadBytes;
+  job.reply_bytes = pixel_bytes * job.pixels + kReplyOverheadBytes;
   return job;
 }
 

@@ -19,7 +19,8 @@ inline constexpr int64_t kMaxSuperVoxelsPerFrame = int64_t{1} << 28;
 /// A frame that can be rendered: everything about it but the step is known and admitted.
 struct FrameJob {
   std::shared_ptr<ServedDataset> dataset;
-  frames::FrameSpec spec;    // resolved
+  frames::FrameSpec spec;  // resolved
+  int64_t pixels = 0;
   int64_t render_bytes = 0;  // memory while it is rendered
   int64_t reply_bytes = 0;   // an upper bound of the encoded frame
 };

@@ -64,6 +64,10 @@ void AddFlags(CLI::App& app, Flags* flags) {
       ->capture_default_str();
   app.add_flag("--insecure-plaintext", flags->server.insecure_plaintext,
                "Allow addresses that other machines can reach, unencrypted and without passwords");
+  app.add_option("--tokens", flags->server.tokens,
+                 "Ask for a bearer token of this file (`fovea token` makes it); read again when it "
+                 "changes")
+      ->type_name("FILE");
   app.add_option("--log-level", flags->log_level, "trace, debug, info, warn, err or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "err", "off"}))
       ->capture_default_str();

@@ -1,11 +1,13 @@
 #ifndef SERVICE_SERVER_MEMORY_BUDGET_H_
 #define SERVICE_SERVER_MEMORY_BUDGET_H_
 
+#include <chrono>
 #include <cstdint>
 #include <mutex>
 #include <utility>
 
 #include "engine/base/status.h"
+#include "service/wire/status.h"
 
 namespace fovea::server {
 
@@ -39,14 +41,17 @@ class MemoryBudget {
 
   explicit MemoryBudget(int64_t limit_bytes) : limit_bytes_(limit_bytes) {}
 
-  /// RESOURCE_EXHAUSTED, with the limit, if less than `bytes` is left.
+  /// RESOURCE_EXHAUSTED, with the limit and RetryInfo, if less than `bytes` is left.
   [[nodiscard]] StatusOr<Reservation> Reserve(int64_t bytes) {
     const std::lock_guard lock(mutex_);
     if (bytes > limit_bytes_ - used_bytes_) {
-      return ResourceExhausted(
+      constexpr auto kRetry = std::chrono::seconds(1);
+      Status full = ResourceExhausted(
           "frames being made or sent already take {} MiB, and this call needs {} MiB more; the "
           "server's limit is {} MiB; try again later, or ask for smaller frames",
           used_bytes_ >> 20, (bytes >> 20) + 1, limit_bytes_ >> 20);
+      // What can never be had is not worth waiting for.
+      return bytes > limit_bytes_ ? full : wire::WithRetry(std::move(full), kRetry);
     }
     used_bytes_ += bytes;
     return Reservation(this, bytes);

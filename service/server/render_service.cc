@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "service/frames/frames.h"
+#include "service/server/admission.h"
 #include "service/server/frame_job.h"
 #include "service/server/sequence_stream.h"
 #include "service/server/unary_call.h"
@@ -42,6 +43,7 @@ StatusOr<Rendering> Prepare(Services& services, const wire::FrameRequest& reques
   FOVEA_ASSIGN_OR_RETURN(auto reservation,
                          services.replies.Reserve(kFramesHeld * rendering.job.reply_bytes));
   call.Hold(std::move(reservation));
+  FOVEA_RETURN_IF_ERROR(call.caller().TakePixels(rendering.job.pixels));
   return rendering;
 }
 
@@ -65,13 +67,19 @@ void PrepareAndRender(Services& services, const wire::FrameRequest& request,
 /// long as jobs of it do.
 class SequenceReactor final : public grpc::ServerWriteReactor<v1::Frame>, public FrameSink {
  public:
-  SequenceReactor(Services& services, const v1::RenderSequenceRequest& request)
+  SequenceReactor(Services& services, const grpc::CallbackServerContext& context,
+                  const v1::RenderSequenceRequest& request)
       : stream_(std::make_shared<SequenceStream>(services, *this, request.window())) {
-    auto slot = services.calls.Enter();
-    if (slot) {
-      slot_ = *std::move(slot);
+    auto admission = Admit(services, context,
+                           {.dataset = request.dataset(),
+                            .bytes_in = static_cast<int64_t>(request.ByteSizeLong()),
+                            .stream = true});
+    if (!admission.ok()) {
+      stream_->Start(admission.status(), nullptr);
+      return;
     }
-    stream_->Start(slot ? wire::FromProto(request) : DrainingError());
+    admission_ = *std::move(admission);
+    stream_->Start(wire::FromProto(request), admission_.caller);
   }
 
   void Write(const v1::Frame& frame) override { StartWrite(&frame); }
@@ -83,12 +91,17 @@ class SequenceReactor final : public grpc::ServerWriteReactor<v1::Frame>, public
   void OnDone() override { delete this; }
 
  private:
-  CallTracker::Slot slot_;
+  Admission admission_;
   const std::shared_ptr<SequenceStream> stream_;
 };
 
-Status AcknowledgeStream(Services& services, const v1::AcknowledgeRequest& request) {
-  const auto stream = services.streams.Find(request.stream_id());
+Status AcknowledgeStream(Services& services, const grpc::CallbackServerContext& context,
+                         const v1::AcknowledgeRequest& request) {
+  FOVEA_ASSIGN_OR_RETURN(
+      const Admission admission,
+      Admit(services, context,
+            {.bytes_in = static_cast<int64_t>(request.ByteSizeLong()), .while_draining = true}));
+  const auto stream = services.streams.Find(admission.caller->name(), request.stream_id());
   if (stream == nullptr) {
     return NotFound("stream_id '{}': no such stream runs on this server; it may have ended",
                     wire::Printable(request.stream_id()));
@@ -98,10 +111,13 @@ Status AcknowledgeStream(Services& services, const v1::AcknowledgeRequest& reque
 
 }  // namespace
 
-grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext* /*context*/,
+grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext* context,
                                                      const v1::RenderFrameRequest* request,
                                                      v1::Frame* response) {
-  const auto call = FrameCall::Start(services_, "RenderFrame", request->dataset(), response);
+  const auto call = FrameCall::Start(
+      services_, *context, "RenderFrame",
+      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
+      response);
   auto parsed = wire::FromProto(*request);
   if (!parsed.ok()) {
     call->Complete(parsed.status());
@@ -115,8 +131,8 @@ grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext
 }
 
 grpc::ServerWriteReactor<v1::Frame>* RenderService::RenderSequence(
-    grpc::CallbackServerContext* /*context*/, const v1::RenderSequenceRequest* request) {
-  return new SequenceReactor(services_, *request);  // deletes itself
+    grpc::CallbackServerContext* context, const v1::RenderSequenceRequest* request) {
+  return new SequenceReactor(services_, *context, *request);  // deletes itself
 }
 
 /// Also while the server drains: the streams that still run need it. Waits for nothing, so it is
@@ -125,7 +141,7 @@ grpc::ServerUnaryReactor* RenderService::Acknowledge(grpc::CallbackServerContext
                                                      const v1::AcknowledgeRequest* request,
                                                      v1::AcknowledgeResponse* /*response*/) {
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(wire::ToGrpc(AcknowledgeStream(services_, *request)));
+  reactor->Finish(wire::ToGrpc(AcknowledgeStream(services_, *context, *request)));
   return reactor;
 }
 

@@ -10,7 +10,9 @@ constexpr int64_t kFramesHeld = 3;
 
 }  // namespace
 
-void SequenceStream::Start(StatusOr<wire::SequenceRequest> request) {
+void SequenceStream::Start(StatusOr<wire::SequenceRequest> request,
+                           std::shared_ptr<access::Caller> caller) {
+  caller_ = std::move(caller);
   if (const Status status = Admit(std::move(request)); !status.ok()) {
     Handle([&](SequencePacer& pacer) { return pacer.OnOpenFailed(status); });
   }
@@ -20,7 +22,8 @@ Status SequenceStream::Admit(StatusOr<wire::SequenceRequest> request) {
   FOVEA_RETURN_IF_ERROR(request.status());
   request_ = *std::move(request);
   if (!request_.stream_id.empty()) {
-    FOVEA_RETURN_IF_ERROR(services_.streams.Add(request_.stream_id, weak_from_this()));
+    FOVEA_RETURN_IF_ERROR(
+        services_.streams.Add(caller_->name(), request_.stream_id, weak_from_this()));
     registered_ = true;
   }
   return services_.lookups.Submit(0, [self = shared_from_this()](int) { self->Open(); }).status();
@@ -54,6 +57,10 @@ void SequenceStream::Render(int64_t index, int threads) {
     if (pacer_.over()) {
       return;
     }
+  }
+  if (const Status allowed = caller_->TakePixels(job_.pixels); !allowed.ok()) {
+    Handle([&](SequencePacer& pacer) { return pacer.OnRendered(allowed); });
+    return;
   }
   auto frame = RenderJob(job_, series_.StepAt(index), static_cast<uint64_t>(index), threads);
   services_.frames_rendered.fetch_add(1, std::memory_order_relaxed);
@@ -113,7 +120,7 @@ void SequenceStream::SubmitRender(int64_t index) {
 
 void SequenceStream::End(const Status& status) {
   if (registered_) {
-    services_.streams.Remove(request_.stream_id);
+    services_.streams.Remove(caller_->name(), request_.stream_id);
   }
   LogOutcome("RenderSequence", request_.dataset, status, watch_.ElapsedMs());
   sink_.Finish(services_.catalogue->WithoutRoot(status));

@@ -8,6 +8,7 @@
 #include "engine/base/status.h"
 #include "engine/base/stopwatch.h"
 #include "fovea/v1/render.pb.h"
+#include "service/access/gate.h"
 #include "service/server/frame_job.h"
 #include "service/server/sequence_pacer.h"
 #include "service/server/services.h"
@@ -36,8 +37,9 @@ class SequenceStream final : public AcknowledgedStream,
   SequenceStream(Services& services, FrameSink& sink, uint32_t window)
       : services_(services), sink_(sink), pacer_(window) {}
 
-  /// Starts the stream, or ends it with what is wrong with `request`. Call once, and first.
-  void Start(StatusOr<wire::SequenceRequest> request);
+  /// Starts the stream for `caller`, or ends it with what is wrong with `request`, or why it was
+  /// not let in. Call once, and first.
+  void Start(StatusOr<wire::SequenceRequest> request, std::shared_ptr<access::Caller> caller);
   void OnWriteDone(bool ok);
   void OnCancel();
   Status Acknowledge(uint64_t index) override;
@@ -57,8 +59,9 @@ class SequenceStream final : public AcknowledgedStream,
   Services& services_;
   FrameSink& sink_;
   const Stopwatch watch_;
-  wire::SequenceRequest request_;  // not changed after Start
-  bool registered_ = false;        // not changed after Start
+  std::shared_ptr<access::Caller> caller_;  // not changed after Start; null if it was not let in
+  wire::SequenceRequest request_;           // not changed after Start
+  bool registered_ = false;                 // not changed after Start
   // Written by Prepare, before the first frame is asked for.
   FrameJob job_;
   wire::StepSeries series_;

@@ -17,6 +17,7 @@
 #include "engine/base/parallel.h"
 #include "service/server/acceptor.h"
 #include "service/server/datasets_service.h"
+#include "service/server/file_watch.h"
 #include "service/server/listener.h"
 #include "service/server/render_service.h"
 #include "service/server/services.h"
@@ -75,6 +76,12 @@ void SetLimits(grpc::ServerBuilder& builder) {
 
 /// Who can reach a server must be kept out of it in some way.
 Status CheckExposure(bool loopback, const ServerOptions& options) {
+  if (!loopback && !options.tokens.empty()) {
+    return InvalidArgument(
+        "--tokens: {} can be reached from other machines, and tokens that cross a network in "
+        "plaintext are everyone's; listen on 127.0.0.1 behind a proxy that ends TLS",
+        options.listen);
+  }
   if (!loopback && !options.insecure_plaintext) {
     return InvalidArgument(
         "{} can be reached from other machines, and this server has neither encryption nor "
@@ -97,8 +104,9 @@ ConnectionTable::Limits LimitsOf(const ServerOptions& options) {
 
 class GrpcServer final : public Server {
  public:
-  GrpcServer(std::unique_ptr<Catalogue> catalogue, const ServerOptions& options)
-      : services_(std::move(catalogue), kMaxReplyBytes,
+  GrpcServer(std::unique_ptr<Catalogue> catalogue, std::unique_ptr<access::Gate> gate,
+             const ServerOptions& options)
+      : services_(std::move(catalogue), std::move(gate), kMaxReplyBytes,
                   {.name = "lookup queue",
                    .flag = "",
                    .threads = kLookupThreads,
@@ -137,6 +145,22 @@ class GrpcServer final : public Server {
     return absl::OkStatus();
   }
 
+  /// Reads the files of `options` again when they change, from what they were at `seen` on.
+  void Watch(const ServerOptions& options, std::vector<FileWatch::Seen> seen) {
+    if (options.tokens.empty()) {
+      return;
+    }
+    token_watch_ = std::make_unique<FileWatch>(
+        std::vector<std::string>{options.tokens}, std::move(seen), options.reload_interval, [this] {
+          const Status status = services_.gate->Reload();
+          if (status.ok()) {
+            spdlog::info("tokens: {} read", services_.gate->token_count());
+          } else {
+            spdlog::warn("the tokens read before stay in force: {}", MessageOf(status));
+          }
+        });
+  }
+
   const std::string& address() const override { return address_; }
   size_t dataset_count() const override { return services_.catalogue->size(); }
   uint64_t frames_rendered() const override { return services_.frames_rendered.load(); }
@@ -163,6 +187,7 @@ class GrpcServer final : public Server {
   RenderService render_;
   std::string address_;  // not changed after Serve
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> connections_;  // likewise
+  std::unique_ptr<FileWatch> token_watch_;  // not changed after Watch
   std::mutex drain_mutex_;
   std::unique_ptr<Acceptor> acceptor_;    // guarded by drain_mutex_ once it runs
   std::unique_ptr<grpc::Server> server_;  // guarded by drain_mutex_ once it runs
@@ -176,9 +201,12 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   FOVEA_ASSIGN_OR_RETURN(auto catalogue, Catalogue::Open(options.root, options.rescan_interval));
   FOVEA_ASSIGN_OR_RETURN(Listener listener, Listen(address));
   FOVEA_RETURN_IF_ERROR(CheckExposure(listener.loopback, options));
+  std::vector<FileWatch::Seen> seen = FileWatch::Look({options.tokens});
+  FOVEA_ASSIGN_OR_RETURN(auto gate, access::Gate::Open(options.tokens));
   SetUpGrpc();
-  auto server = std::make_unique<GrpcServer>(std::move(catalogue), options);
+  auto server = std::make_unique<GrpcServer>(std::move(catalogue), std::move(gate), options);
   FOVEA_RETURN_IF_ERROR(server->Serve(std::move(listener), LimitsOf(options)));
+  server->Watch(options, std::move(seen));
   return server;
 }
 

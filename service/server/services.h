@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "engine/base/status.h"
+#include "service/access/gate.h"
 #include "service/server/call_tracker.h"
 #include "service/server/catalogue.h"
 #include "service/server/memory_budget.h"
@@ -19,14 +20,16 @@ namespace fovea::server {
 /// What all methods of a server share. Every member is thread-safe. Members are destroyed from the
 /// last to the first: no work runs any more when what it uses goes.
 struct Services {
-  Services(std::unique_ptr<Catalogue> datasets, int64_t reply_bytes, WorkPool::Limits lookup_limits,
-           WorkPool::Limits render_limits)
+  Services(std::unique_ptr<Catalogue> datasets, std::unique_ptr<access::Gate> the_gate,
+           int64_t reply_bytes, WorkPool::Limits lookup_limits, WorkPool::Limits render_limits)
       : catalogue(std::move(datasets)),
+        gate(std::move(the_gate)),
         replies(reply_bytes),
         renders(std::move(render_limits)),
         lookups(std::move(lookup_limits)) {}
 
   const std::unique_ptr<Catalogue> catalogue;
+  const std::unique_ptr<access::Gate> gate;
   CallTracker calls;
   MemoryBudget replies;
   StreamRegistry streams;

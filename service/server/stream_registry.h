@@ -20,34 +20,38 @@ class AcknowledgedStream {
   virtual Status Acknowledge(uint64_t index) = 0;
 };
 
-/// Running streams by the id that their clients chose. Thread-safe.
+/// Running streams by the id that their clients chose. Each owner (a token's name) has ids of its
+/// own: nobody learns of another's. Thread-safe.
 class StreamRegistry {
  public:
   /// ALREADY_EXISTS if a stream of this id runs.
-  [[nodiscard]] Status Add(const std::string& id, std::weak_ptr<AcknowledgedStream> stream) {
+  [[nodiscard]] Status Add(const std::string& owner, const std::string& id,
+                           std::weak_ptr<AcknowledgedStream> stream) {
     const std::lock_guard lock(mutex_);
-    if (!streams_.emplace(id, std::move(stream)).second) {
+    if (!streams_.emplace(Key(owner, id), std::move(stream)).second) {
       return AlreadyExists("stream_id '{}': a stream of this id is running; choose a random one",
                            id);
     }
     return absl::OkStatus();
   }
 
-  void Remove(const std::string& id) {
+  void Remove(const std::string& owner, const std::string& id) {
     const std::lock_guard lock(mutex_);
-    streams_.erase(id);
+    streams_.erase(Key(owner, id));
   }
 
   /// Null if there is none.
-  [[nodiscard]] std::shared_ptr<AcknowledgedStream> Find(const std::string& id) {
+  [[nodiscard]] std::shared_ptr<AcknowledgedStream> Find(const std::string& owner,
+                                                         const std::string& id) {
     const std::lock_guard lock(mutex_);
-    const auto found = streams_.find(id);
+    const auto found = streams_.find(Key(owner, id));
     return found == streams_.end() ? nullptr : found->second.lock();
   }
 
  private:
+  using Key = std::pair<std::string, std::string>;  // owner, id
   std::mutex mutex_;
-  std::map<std::string, std::weak_ptr<AcknowledgedStream>> streams_;  // guarded by mutex_
+  std::map<Key, std::weak_ptr<AcknowledgedStream>> streams_;  // guarded by mutex_
 };
 
 }  // namespace fovea::server

@@ -11,6 +11,7 @@
 
 #include "engine/base/status.h"
 #include "engine/base/stopwatch.h"
+#include "service/server/admission.h"
 #include "service/server/services.h"
 #include "service/wire/status.h"
 
@@ -24,20 +25,24 @@ template <typename Response>
 class UnaryCall final : public grpc::ServerUnaryReactor,
                         public std::enable_shared_from_this<UnaryCall<Response>> {
  public:
-  /// `subject` is what the call is about, for the log. The call is over at once if the server
-  /// drains. Hand `get()` to gRPC.
-  [[nodiscard]] static std::shared_ptr<UnaryCall> Start(Services& services, const char* method,
-                                                        std::string subject, Response* response) {
-    auto call =
-        std::make_shared<UnaryCall>(Private(), services, method, std::move(subject), response);
+  /// The call is over at once if it is not let in (Admit). Hand `get()` to gRPC.
+  [[nodiscard]] static std::shared_ptr<UnaryCall> Start(Services& services,
+                                                        const grpc::CallbackServerContext& context,
+                                                        const char* method, const Ask& ask,
+                                                        Response* response) {
+    auto call = std::make_shared<UnaryCall>(Private(), services, method, ask.dataset, response);
     call->self_ = call;
-    if (auto slot = services.calls.Enter()) {
-      call->slot_ = *std::move(slot);
+    auto admission = Admit(services, context, ask);
+    if (admission.ok()) {
+      call->admission_ = *std::move(admission);
     } else {
-      call->Complete(DrainingError());
+      call->Complete(admission.status());
     }
     return call;
   }
+
+  /// Who calls. For the jobs of the call: they do not run if it was not let in.
+  [[nodiscard]] access::Caller& caller() const { return *admission_.caller; }
 
   /// Runs `job` in `pool`, unless the call is over before its turn comes. A full pool ends the
   /// call.
@@ -108,7 +113,7 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
   }
 
   void OnDone() override {
-    slot_ = CallTracker::Slot();
+    admission_ = Admission();
     self_.reset();  // may be the end of this
   }
 
@@ -126,7 +131,7 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
   const std::string subject_;
   const Stopwatch watch_;
   std::shared_ptr<UnaryCall> self_;  // set before gRPC knows of it, reset when gRPC is done
-  CallTracker::Slot slot_;
+  Admission admission_;              // likewise, and read by the jobs between
 
   std::mutex mutex_;
   // All below: guarded by mutex_.

@@ -1,7 +1,10 @@
 #include "service/server/work_pool.h"
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
+
+#include "service/wire/status.h"
 
 namespace fovea::server {
 
@@ -28,9 +31,12 @@ WorkPool::~WorkPool() {
 StatusOr<WorkPool::Ticket> WorkPool::Submit(int64_t bytes, Job job) {
   const std::lock_guard lock(mutex_);
   if (static_cast<int64_t>(waiting_.size()) >= limits_.max_waiting) {
-    return ResourceExhausted("the {} is full: {} calls wait already{}; try again later",
-                             limits_.name, limits_.max_waiting,
-                             limits_.flag.empty() ? "" : " (" + limits_.flag + ")");
+    constexpr auto kRetry = std::chrono::seconds(1);
+    return wire::WithRetry(
+        ResourceExhausted("the {} is full: {} calls wait already{}; try again later", limits_.name,
+                          limits_.max_waiting,
+                          limits_.flag.empty() ? "" : " (" + limits_.flag + ")"),
+        kRetry);
   }
   return Push(bytes, std::move(job));
 }

@@ -35,8 +35,8 @@ class WorkPool {
   WorkPool(const WorkPool&) = delete;
   WorkPool& operator=(const WorkPool&) = delete;
 
-  /// RESOURCE_EXHAUSTED, naming the limit, when `max_waiting` jobs wait already. `bytes` is the
-  /// memory that the job will use.
+  /// RESOURCE_EXHAUSTED, naming the limit, with RetryInfo, when `max_waiting` jobs wait already.
+  /// `bytes` is the memory that the job will use.
   [[nodiscard]] StatusOr<Ticket> Submit(int64_t bytes, Job job);
   /// For the next piece of something that was admitted before: never refused.
   Ticket SubmitAdmitted(int64_t bytes, Job job);

@@ -1,7 +1,9 @@
 #ifndef SERVICE_WIRE_STATUS_H_
 #define SERVICE_WIRE_STATUS_H_
 
+#include <chrono>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -22,6 +24,19 @@ namespace fovea::wire {
 
 /// The path that the details of `status` point at; empty if they point at none.
 [[nodiscard]] std::string FieldOf(const Status& status);
+
+/// `status` with these details. `name` is what was asked for.
+[[nodiscard]] Status WithResource(Status status, std::string_view type, std::string_view name);
+[[nodiscard]] Status WithQuota(Status status, std::string_view subject,
+                               std::string_view description);
+[[nodiscard]] Status WithRetry(Status status, std::chrono::milliseconds delay);
+
+/// When the details say that it is worth trying again.
+[[nodiscard]] std::optional<std::chrono::milliseconds> RetryDelayOf(const Status& status);
+/// What the details say beyond the message, for people: "; try again in 1.5 s". May be empty.
+[[nodiscard]] std::string DescribeDetails(const Status& status);
+/// The same error in other words: `message`, and the details of `status`.
+[[nodiscard]] Status WithMessage(const Status& status, std::string_view message);
 
 [[nodiscard]] grpc::Status ToGrpc(const Status& status);
 [[nodiscard]] Status FromGrpc(const grpc::Status& status);

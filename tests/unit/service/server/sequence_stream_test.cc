@@ -37,7 +37,7 @@ class FakeClient final : public FrameSink {
   }
 
   void set_cancel_at(uint64_t index) { cancel_at_ = index; }
-  void Start() { stream_->Start(request_); }
+  void Start() { stream_->Start(request_, *services_.gate->Identify({})); }
   void Cancel() { stream_->OnCancel(); }
   /// How it ended.
   Status Wait() { return end_.get_future().get(); }
@@ -64,7 +64,7 @@ class FakeClient final : public FrameSink {
     }
     if (!stream_id_.empty()) {
       network_.SubmitAdmitted(0, [&services = services_, id = stream_id_, index](int) {
-        if (const auto found = services.streams.Find(id)) {
+        if (const auto found = services.streams.Find("", id)) {
           EXPECT_OK(found->Acknowledge(index));
         }
       });
@@ -92,7 +92,7 @@ class SequenceStreamTest : public ::testing::Test {
     auto catalogue = Catalogue::Open(root, std::chrono::milliseconds(0));
     ASSERT_OK(catalogue.status());
     services_ = std::make_unique<Services>(
-        *std::move(catalogue), int64_t{1} << 30,
+        *std::move(catalogue), *access::Gate::Open(""), int64_t{1} << 30,
         WorkPool::Limits{.name = "lookup queue", .flag = "", .threads = 2, .max_waiting = 100},
         WorkPool::Limits{.name = "render queue", .flag = "", .threads = 3, .max_waiting = 100});
     network_ = std::make_unique<WorkPool>(
@@ -155,13 +155,13 @@ TEST_F(SequenceStreamTest, ACancelFromOutsideEndsItAtAnyTime) {
 TEST_F(SequenceStreamTest, AnErrorIsTheEnd) {
   auto client = MakeClient("same-id", 1);
   auto twin = MakeClient("same-id", 1);
-  ASSERT_OK(services_->streams.Add("same-id", {}));
+  ASSERT_OK(services_->streams.Add("", "same-id", {}));
   client->Start();
   EXPECT_THAT(client->Wait(), FailsWith(absl::StatusCode::kAlreadyExists, "same-id"));
-  services_->streams.Remove("same-id");
+  services_->streams.Remove("", "same-id");
   twin->Start();
   EXPECT_OK(twin->Wait());
-  EXPECT_EQ(services_->streams.Find("same-id"), nullptr);
+  EXPECT_EQ(services_->streams.Find("", "same-id"), nullptr);
   clients_.push_back(std::move(client));
   clients_.push_back(std::move(twin));
 }

@@ -39,9 +39,11 @@ class ServerFixture : public ::testing::Test {
 
   [[nodiscard]] std::string Root() const { return folder_.Path("root"); }
 
-  void StartServer(int threads = 2, int render_queue = 64) {
+  void StartServer(int threads = 2, int render_queue = 64, const std::string& tokens = "") {
     ServerOptions options;
     options.root = Root();
+    options.tokens = tokens;
+    options.reload_interval = std::chrono::milliseconds(10);
     options.listen = "127.0.0.1:0";
     options.threads = threads;
     options.render_queue = render_queue;

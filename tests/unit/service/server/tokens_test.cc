@@ -1,0 +1,260 @@
+#include <filesystem>
+#include <fstream>
+#include <future>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <google/protobuf/descriptor.h>
+#include <grpcpp/generic/generic_stub.h>
+
+#include "service/access/token_file.h"
+#include "tests/unit/service/server/server_test_util.h"
+
+namespace fovea::server {
+namespace {
+
+using ::fovea::testing::FailsWith;
+using ::testing::HasSubstr;
+
+class TokensTest : public ServerFixture {
+ protected:
+  void SetUp() override {
+    ServerFixture::SetUp();
+    access::Token writer = Entry("everything", "");
+    writer.right = access::Right::kWrite;
+    tokens_ = {writer, Entry("lab", "lab"), Entry("plume", "plume")};
+    Write();
+    StartServer(2, 64, File());
+  }
+
+  [[nodiscard]] std::string File() const { return folder_.Path("tokens.json"); }
+  void Write() { ASSERT_OK(access::WriteTokenFile(File(), tokens_)); }
+  /// The token of NAME is "secret-of-NAME".
+  static access::Token Entry(const std::string& name, const std::string& prefix) {
+    access::Token token;
+    token.name = name;
+    token.digest = access::DigestOf("secret-of-" + name);
+    token.prefix = prefix;
+    return token;
+  }
+
+  static std::unique_ptr<grpc::ClientContext> As(const std::string& name) {
+    auto context = std::make_unique<grpc::ClientContext>();
+    if (!name.empty()) {
+      context->AddMetadata("authorization", "Bearer secret-of-" + name);
+    }
+    return context;
+  }
+  StatusOr<std::vector<std::string>> ListAs(const std::string& name, uint32_t page_size = 0) {
+    std::vector<std::string> names;
+    v1::ListDatasetsRequest request;
+    request.set_page_size(page_size);
+    do {
+      v1::ListDatasetsResponse response;
+      FOVEA_RETURN_IF_ERROR(
+          wire::FromGrpc(datasets_->ListDatasets(As(name).get(), request, &response)));
+      for (const auto& dataset : response.datasets()) {
+        names.push_back(dataset.name());
+      }
+      request.set_page_token(response.next_page_token());
+    } while (!request.page_token().empty());
+    return names;
+  }
+  Status GetAs(const std::string& name, const std::string& dataset) {
+    v1::GetDatasetRequest request;
+    request.set_dataset(dataset);
+    v1::Dataset response;
+    return wire::FromGrpc(datasets_->GetDataset(As(name).get(), request, &response));
+  }
+  Status RenderAs(const std::string& name, const std::string& dataset) {
+    v1::RenderFrameRequest request;
+    request.set_dataset(dataset);
+    *request.mutable_spec() = SmallSpec(v1::PNG, 32);
+    v1::Frame frame;
+    return wire::FromGrpc(render_->RenderFrame(As(name).get(), request, &frame));
+  }
+  Status AcknowledgeAs(const std::string& name, const std::string& stream_id) {
+    v1::AcknowledgeRequest request;
+    request.set_stream_id(stream_id);
+    v1::AcknowledgeResponse response;
+    return wire::FromGrpc(render_->Acknowledge(As(name).get(), request, &response));
+  }
+  static v1::RenderSequenceRequest Sequence(const std::string& stream_id) {
+    v1::RenderSequenceRequest request;
+    request.set_dataset("plume");
+    *request.mutable_spec() = SmallSpec(v1::PNG, 32);
+    request.set_window(1);
+    request.set_stream_id(stream_id);
+    return request;
+  }
+
+  std::vector<access::Token> tokens_;
+};
+
+/// A call by name with an empty request, without a token.
+Status CallWithoutToken(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {
+  grpc::GenericStub stub(channel);
+  grpc::ClientContext context;
+  grpc::Slice empty;
+  grpc::ByteBuffer request(&empty, 1);
+  grpc::ByteBuffer response;
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(&context, method, grpc::StubOptions(), &request, &response,
+                 [&](grpc::Status status) { done.set_value(std::move(status)); });
+  return wire::FromGrpc(done.get_future().get());
+}
+
+TEST_F(TokensTest, EveryMethodOfEveryServiceAsksForATokenFirst) {
+  int methods = 0;
+  const auto* pool = google::protobuf::DescriptorPool::generated_pool();
+  for (const auto& entry :
+       std::filesystem::directory_iterator(FOVEA_SOURCE_DIR "/proto/fovea/v1")) {
+    const auto* file = pool->FindFileByName("fovea/v1/" + entry.path().filename().string());
+    for (int i = 0; file != nullptr && i < file->service_count(); ++i) {
+      for (int k = 0; k < file->service(i)->method_count(); ++k) {
+        const std::string method =
+            "/" + file->service(i)->full_name() + "/" + file->service(i)->method(k)->name();
+        const Status status = CallWithoutToken(channel_, method);
+        if (!absl::IsUnimplemented(status)) {
+          EXPECT_THAT(status, FailsWith(absl::StatusCode::kUnauthenticated, "asks for a token"))
+              << method;
+          ++methods;
+        }
+      }
+    }
+  }
+  EXPECT_GE(methods, 5);
+}
+
+TEST_F(TokensTest, AWrongTokenIsRefused) {
+  EXPECT_THAT(GetAs("nobody", "plume"),
+              FailsWith(absl::StatusCode::kUnauthenticated, "does not know"));
+  EXPECT_THAT(ListAs("nobody"), FailsWith(absl::StatusCode::kUnauthenticated, "does not know"));
+}
+
+TEST_F(TokensTest, OutsideItsPrefixNothingIsThere) {
+  EXPECT_THAT(*ListAs("everything"), ::testing::ElementsAre("lab/other", "plume"));
+  EXPECT_THAT(*ListAs("everything", 1), ::testing::ElementsAre("lab/other", "plume"));
+  EXPECT_THAT(*ListAs("lab", 1), ::testing::ElementsAre("lab/other"));
+  EXPECT_THAT(*ListAs("plume"), ::testing::ElementsAre("plume"));
+  EXPECT_OK(GetAs("lab", "lab/other"));
+  EXPECT_OK(RenderAs("lab", "lab/other"));
+  for (const char* dataset : {"plume", "nothing"}) {  // the one is there, the other is not
+    const Status got = GetAs("lab", dataset);
+    const Status rendered = RenderAs("lab", dataset);
+    const Status nothing = GetAs("everything", "nothing");
+    EXPECT_THAT(got, FailsWith(absl::StatusCode::kNotFound, dataset));
+    EXPECT_EQ(got, rendered);
+    std::string message(MessageOf(got));
+    message.replace(message.find(dataset), std::string(dataset).size(), "nothing");
+    EXPECT_EQ(message, MessageOf(nothing));
+  }
+  const auto context = As("lab");
+  const auto reader = render_->RenderSequence(context.get(), Sequence(""));
+  EXPECT_THAT(wire::FromGrpc(reader->Finish()), FailsWith(absl::StatusCode::kNotFound, "plume"));
+}
+
+TEST_F(TokensTest, AnotherTokensStreamIsNotThere) {
+  const std::string id = "0123456789abcdef";
+  const auto context = As("plume");
+  const auto reader = render_->RenderSequence(context.get(), Sequence(id));
+  v1::Frame frame;
+  ASSERT_TRUE(reader->Read(&frame));
+  EXPECT_THAT(AcknowledgeAs("everything", id), FailsWith(absl::StatusCode::kNotFound, id.c_str()));
+  const auto twin_context = As("everything");
+  const auto twin = render_->RenderSequence(twin_context.get(), Sequence(id));
+  EXPECT_TRUE(twin->Read(&frame));  // not ALREADY_EXISTS
+  EXPECT_OK(AcknowledgeAs("plume", id));
+  EXPECT_TRUE(reader->Read(&frame));
+  context->TryCancel();
+  twin_context->TryCancel();
+  EXPECT_FALSE(reader->Finish().ok());
+  EXPECT_FALSE(twin->Finish().ok());
+}
+
+TEST_F(TokensTest, QuotasAreHeldAndGivenBack) {
+  tokens_[2].quotas = {.streams = 1, .pixels_per_second = 100};
+  tokens_[1].quotas.bytes_in_per_second = 5;
+  Write();
+  while (RenderAs("plume", "plume").ok()) {  // until the file was read, and the debt is made
+  }
+  const Status over = RenderAs("plume", "plume");
+  EXPECT_THAT(over, FailsWith(absl::StatusCode::kResourceExhausted, "100 pixels a second"));
+  EXPECT_TRUE(wire::RetryDelayOf(over).has_value());
+  EXPECT_THAT(wire::DescribeDetails(over), HasSubstr("quota of token:plume"));
+
+  const auto context = As("plume");
+  const auto reader = render_->RenderSequence(context.get(), Sequence("0123456789abcdef"));
+  v1::Frame frame;
+  EXPECT_FALSE(reader->Read(&frame));
+  EXPECT_THAT(wire::FromGrpc(reader->Finish()),
+              FailsWith(absl::StatusCode::kResourceExhausted, "pixels a second"));
+
+  EXPECT_OK(GetAs("lab", "lab/other"));
+  EXPECT_THAT(GetAs("lab", "lab/other"),
+              FailsWith(absl::StatusCode::kResourceExhausted, "5 bytes in a second"));
+  EXPECT_OK(RenderAs("everything", "plume"));
+}
+
+TEST_F(TokensTest, ATokenHasItsStreamsAtOnce) {
+  access::Token one = Entry("one-stream", "plume");
+  one.quotas.streams = 1;
+  tokens_.push_back(one);
+  Write();
+  while (!GetAs("one-stream", "plume").ok()) {  // until the file was read
+  }
+  v1::Frame frame;
+  const auto context = As("one-stream");
+  const auto reader = render_->RenderSequence(context.get(), Sequence("0123456789abcdef"));
+  ASSERT_TRUE(reader->Read(&frame));
+  const auto more = As("one-stream");
+  const auto refused = render_->RenderSequence(more.get(), Sequence("fedcba9876543210"));
+  EXPECT_FALSE(refused->Read(&frame));
+  EXPECT_THAT(wire::FromGrpc(refused->Finish()),
+              FailsWith(absl::StatusCode::kResourceExhausted, "1 streams at once"));
+  context->TryCancel();
+  EXPECT_FALSE(reader->Finish().ok());
+  Status again;
+  do {  // until the server knows of the cancel
+    const auto next = As("one-stream");
+    const auto opened = render_->RenderSequence(next.get(), Sequence("0123456789abcdef"));
+    const bool has_frame = opened->Read(&frame);
+    next->TryCancel();
+    again = has_frame ? absl::OkStatus() : wire::FromGrpc(opened->Finish());
+    if (has_frame) {
+      EXPECT_FALSE(opened->Finish().ok());
+    }
+  } while (!again.ok());
+}
+
+TEST_F(TokensTest, ChangesOfTheFileAreTakenAndRubbishIsNot) {
+  EXPECT_OK(RenderAs("lab", "lab/other"));
+  tokens_.erase(tokens_.begin() + 1);
+  tokens_.push_back(Entry("new", "plume"));
+  Write();
+  while (!RenderAs("new", "plume").ok()) {
+  }
+  EXPECT_THAT(RenderAs("lab", "lab/other"),
+              FailsWith(absl::StatusCode::kUnauthenticated, "does not know"));
+  std::ofstream(File()) << "{\"tokens\": []";
+  std::ofstream(File()) << "rubbish";
+  std::filesystem::remove(File());
+  for (int i = 0; i < 20; ++i) {
+    EXPECT_OK(RenderAs("new", "plume"));
+  }
+}
+
+TEST_F(TokensTest, TokensDoNotCrossANetworkInPlaintext) {
+  ServerOptions options;
+  options.root = Root();
+  options.listen = "0.0.0.0:0";
+  options.insecure_plaintext = true;
+  options.tokens = File();
+  EXPECT_THAT(Server::Start(options), FailsWith(absl::StatusCode::kInvalidArgument, "--tokens"));
+  options.listen = "127.0.0.1:0";
+  options.tokens = folder_.Path("none");
+  EXPECT_THAT(Server::Start(options), FailsWith(absl::StatusCode::kNotFound, "none"));
+}
+
+}  // namespace
+}  // namespace fovea::server
