@@ -1,6 +1,7 @@
 #include "engine/volume/brick_grid.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace fovea {
@@ -87,49 +88,123 @@ void BrickGrid::CopyIn(const Box3& box, std::span<const float> values) {
 
 namespace {
 
-/// Calls `visit(value, count)` for every voxel inside the grid; background comes as one call.
+constexpr int kBins = 256;
+
+/// Calls `visit` with runs of neighbouring values until it has had every stored voxel inside the
+/// grid. Returns how many are not stored.
 template <typename Visit>
-void ForEachValue(const BrickGrid& voxels, const Visit& visit) {
+int64_t ForEachRun(const BrickGrid& voxels, const Visit& visit) {
   const int64_t edge = voxels.edge();
   int64_t stored = 0;
   for (const auto& [key, brick] : voxels.bricks()) {
     const Int3 at{key[2], key[1], key[0]};
-    const Box3 part = Intersect(Box3::OfSize(voxels.dims()),
-                                {{at.x * edge, at.y * edge, at.z * edge},
-                                 {(at.x + 1) * edge, (at.y + 1) * edge, (at.z + 1) * edge}});
+    const Box3 whole{{at.x * edge, at.y * edge, at.z * edge},
+                     {(at.x + 1) * edge, (at.y + 1) * edge, (at.z + 1) * edge}};
+    const Box3 part = Intersect(Box3::OfSize(voxels.dims()), whole);
     stored += part.Volume();
+    if (part == whole) {
+      visit(std::span(brick));
+      continue;
+    }
+    const auto width = static_cast<size_t>(part.hi.x - part.lo.x);
     for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
       for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
-        const float* row = brick.data() + OffsetIn(edge, at, part.lo.x, y, z);
-        for (int64_t i = 0; i < part.hi.x - part.lo.x; ++i) {
-          visit(row[i], int64_t{1});
-        }
+        visit(std::span(brick.data() + OffsetIn(edge, at, part.lo.x, y, z), width));
       }
     }
   }
-  const int64_t rest = voxels.dims().Product() - stored;
-  if (rest > 0) {
-    visit(voxels.background(), rest);
-  }
+  return voxels.dims().Product() - stored;
 }
+
+/// Least and greatest, in lanes of their own, so that several values are compared at once (so many
+/// that the compiler makes vectors of them).
+class Range {
+ public:
+  Range() {
+    least_.fill(INFINITY);
+    most_.fill(-INFINITY);
+  }
+  void Add(std::span<const float> values) {
+    for (; values.size() >= kLanes; values = values.subspan(kLanes)) {
+      Compare(values.data(), kLanes);
+    }
+    Compare(values.data(), values.size());
+  }
+  [[nodiscard]] float Least() const { return *std::min_element(least_.begin(), least_.end()); }
+  [[nodiscard]] float Most() const { return *std::max_element(most_.begin(), most_.end()); }
+
+ private:
+  static constexpr size_t kLanes = 64;
+
+  /// Of NaN, which is neither, nothing is noted.
+  void Compare(const float* values, size_t count) {
+    for (size_t lane = 0; lane < count; ++lane) {
+      const float value = values[lane], least = least_[lane], most = most_[lane];
+      least_[lane] = value < least ? value : least;
+      most_[lane] = value > most ? value : most;
+    }
+  }
+
+  std::array<float, kLanes> least_, most_;
+};
+
+/// Counts values in bins. Neighbours are often of one bin: they are counted in tables of their own,
+/// so that no count waits for the one before.
+class BinCounter {
+ public:
+  BinCounter(double minimum, double scale) : minimum_(minimum), scale_(scale) {}
+  void Add(std::span<const float> values) {
+    std::array<int32_t, kStrip> bins;
+    for (size_t i = 0; i < values.size(); i += kStrip) {
+      const std::span<const float> strip = values.subspan(i, std::min(kStrip, values.size() - i));
+      for (size_t k = 0; k < strip.size(); ++k) {
+        bins[k] = BinOf(strip[k]);
+      }
+      for (size_t k = 0; k < strip.size(); ++k) {
+        ++tables_[k % kTables][static_cast<size_t>(bins[k])];
+      }
+    }
+  }
+  void AddTo(std::array<uint64_t, kBins>* histogram) const {
+    for (const auto& table : tables_) {
+      for (size_t bin = 0; bin < kBins; ++bin) {
+        (*histogram)[bin] += table[bin];
+      }
+    }
+  }
+  /// NaN, which has none, is counted in the first.
+  [[nodiscard]] int32_t BinOf(float value) const {
+    return static_cast<int32_t>(std::min(std::max(0.0, (value - minimum_) * scale_), kBins - 1.0));
+  }
+
+ private:
+  static constexpr size_t kStrip = 64;
+  static constexpr size_t kTables = 4;
+  double minimum_, scale_;
+  std::array<std::array<uint64_t, kBins>, kTables> tables_{};
+};
 
 }  // namespace
 
 FieldStats ComputeStats(const BrickGrid& voxels) {
-  float least = INFINITY;
-  float most = -INFINITY;
-  ForEachValue(voxels, [&](float value, int64_t) {
-    least = std::min(least, value);
-    most = std::max(most, value);
-  });
+  Range range;
+  const float background = voxels.background();
+  const int64_t absent =
+      ForEachRun(voxels, [&](std::span<const float> values) { range.Add(values); });
+  if (absent > 0) {
+    range.Add(std::span(&background, 1));
+  }
   FieldStats stats;
-  stats.minimum = least;
-  stats.maximum = most;
-  const double scale = most > least ? 256.0 / (stats.maximum - stats.minimum) : 0.0;
-  ForEachValue(voxels, [&](float value, int64_t count) {
-    const auto bin = static_cast<size_t>((value - stats.minimum) * scale);
-    stats.histogram[std::min<size_t>(bin, 255)] += static_cast<uint64_t>(count);
-  });
+  stats.minimum = range.Least();
+  stats.maximum = range.Most();
+  const bool is_one_value = !(stats.maximum > stats.minimum);
+  BinCounter counter(stats.minimum, is_one_value ? 0.0 : kBins / (stats.maximum - stats.minimum));
+  ForEachRun(voxels, [&](std::span<const float> values) { counter.Add(values); });
+  counter.AddTo(&stats.histogram);
+  if (absent > 0) {
+    stats.histogram[static_cast<size_t>(counter.BinOf(background))] +=
+        static_cast<uint64_t>(absent);
+  }
   return stats;
 }
 
