@@ -16,8 +16,9 @@
 #include "engine/store/retention.h"
 #include "ingest/field_stream.h"
 #include "ingest/given.h"
+#include "ingest/ingest_checks.h"
+#include "ingest/odd_values.h"
 #include "ingest/quantised_step.h"
-#include "ingest/raw_format.h"
 #include "ingest/sequence.h"
 #include "ingest/series_plan.h"
 #include "ingest/step_reader.h"
@@ -30,65 +31,6 @@ namespace fs = std::filesystem;
 constexpr double kPublishMs = 100;
 
 using ProgressCallback = std::function<bool(const IngestProgress&)>;
-
-Status IsThere(const IngestOptions& options, const std::string& why) {
-  return AlreadyExists("'{}' is there already{}: remove it, name another, or add to it (--append)",
-                       options.output, why);
-}
-
-Status CheckOptions(const IngestOptions& options) {
-  if (options.output.empty()) {
-    return InvalidArgument("no dataset to write was named");
-  }
-  if (options.chunk_edge != 8 && options.chunk_edge != 16 && options.chunk_edge != 32) {
-    return InvalidArgument("chunk edge {}: must be 8, 16 or 32", options.chunk_edge);
-  }
-  if (options.raw) {
-    FOVEA_RETURN_IF_ERROR(CheckRawFormat(*options.raw));
-  }
-  if (options.tolerance && (options.lossless || options.append)) {
-    return InvalidArgument("tolerance: not with {}", options.lossless
-                                                         ? "lossless, whose error is 0"
-                                                         : "append: the store's own holds");
-  }
-  if (options.append && options.extent) {
-    return InvalidArgument("an extent is for a new dataset: '{}' has its own", options.output);
-  }
-  if (options.append && !options.retain.empty()) {
-    return InvalidArgument("windows to retain are for a new dataset: '{}' has its own",
-                           options.output);
-  }
-  std::error_code error;
-  const bool is_new = !fs::exists(options.output, error) || fs::is_empty(options.output, error);
-  const bool is_ours = fs::exists(fs::path(options.output) / store::kLockName, error);
-  return options.append || is_new || is_ours ? absl::OkStatus() : IsThere(options, "");
-}
-
-/// What whole numbers of the files become without loss: int16 of 8 bits, int32 of 16.
-StatusOr<std::string> LosslessType(const std::vector<std::string>& source_types) {
-  std::string needed = "int16";
-  for (const std::string& type : source_types) {
-    if (type == "uint16" || type == "int16") {
-      needed = "int32";
-    } else if (type != "uint8" && type != "int8") {
-      return InvalidArgument(
-          "lossless integer coefficients are made of voxels of 8 or 16 bits, not of {}", type);
-    }
-  }
-  return needed;
-}
-
-/// How often something happened to a field, and where first.
-struct Tally {
-  uint64_t values = 0;
-  std::string first_path;
-  void Add(uint64_t count, const std::string& path) {
-    if (values == 0 && count > 0) {
-      first_path = path;
-    }
-    values += count;
-  }
-};
 
 /// One attempt at a whole series.
 class Run {
@@ -125,7 +67,6 @@ class Run {
   Status WriteStep(const PlannedStep& step, StepReader* reader);
   StatusOr<std::unique_ptr<FieldStream>> StartField(size_t field, float background);
   Status WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedStep* quantised);
-  void CountOdd(const PlannedStep& step, size_t field, uint64_t nonfinite, uint64_t rounded);
   Status WriteQuantised(QuantisedStep* step);
   Status CreateStore();
   Status PublishSteps();
@@ -157,7 +98,7 @@ class Run {
   int64_t published_steps_ = 0;
   bool metadata_was_wrong_ = false;
   IngestReport report_;
-  std::vector<Tally> nonfinite_, rounded_;  // by field
+  OddValues odd_;
 };
 
 Status Run::Execute(bool from_voxels) {
@@ -272,8 +213,7 @@ Status Run::Plan(bool from_voxels) {
   report_.origin = plan_.extent.lo;
   report_.fields = plan_.fields;
   report_.warnings = plan_.warnings;
-  nonfinite_.resize(plan_.fields.size());
-  rounded_.resize(plan_.fields.size());
+  odd_ = OddValues(plan_.fields);
   return absl::OkStatus();
 }
 
@@ -369,7 +309,7 @@ Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
       FOVEA_RETURN_IF_ERROR(
           Annotate(stream->Push(std::move(piece->slices)), step.sources[piece->field].path));
     } else if (const auto* end = std::get_if<DenseEnd>(&part)) {
-      CountOdd(step, end->field, end->nonfinite, end->rounded);
+      odd_.Count(end->field, step.sources[end->field].path, end->nonfinite, end->rounded);
       if (stream != nullptr) {
         FOVEA_RETURN_IF_ERROR(stream->Finish(end->stats));
         stream.reset();
@@ -436,7 +376,8 @@ Status Run::WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedSt
         "announces; write the file again with OpenVDB",
         sparse.outside);
   }
-  CountOdd(step, sparse.field, sparse.voxels.nonfinite, sparse.voxels.rounded);
+  odd_.Count(sparse.field, step.sources[sparse.field].path, sparse.voxels.nonfinite,
+             sparse.voxels.rounded);
   if (quantised != nullptr) {
     quantised->Add(sparse.field, std::move(sparse.voxels.voxels));
     return absl::OkStatus();
@@ -445,11 +386,6 @@ Status Run::WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedSt
   FOVEA_ASSIGN_OR_RETURN(const auto stream, StartField(sparse.field, voxels->background()));
   FOVEA_RETURN_IF_ERROR(stream->Push(voxels));
   return stream->Finish(ComputeStats(*voxels));
-}
-
-void Run::CountOdd(const PlannedStep& step, size_t field, uint64_t nonfinite, uint64_t rounded) {
-  nonfinite_[field].Add(nonfinite, step.sources[field].path);
-  rounded_[field].Add(rounded, step.sources[field].path);
 }
 
 store::DatasetInfo Run::NewInfo() const {
@@ -518,19 +454,9 @@ IngestReport Run::TakeReport() {
       report_.max_errors.push_back(writer_->info().FieldOf(name).max_error);
     }
   }
-  for (size_t i = 0; i < plan_.fields.size(); ++i) {
-    if (nonfinite_[i].values > 0) {
-      report_.nonfinite_values += nonfinite_[i].values;
-      report_.warnings.push_back(
-          fmt::format("field '{}': {} NaN or infinite values became the background, first in '{}'",
-                      plan_.fields[i], nonfinite_[i].values, nonfinite_[i].first_path));
-    }
-    if (rounded_[i].values > 0) {
-      report_.warnings.push_back(fmt::format(
-          "field '{}': {} values are not exact in float32 and were rounded, first in '{}'",
-          plan_.fields[i], rounded_[i].values, rounded_[i].first_path));
-    }
-  }
+  report_.nonfinite_values += odd_.NonfiniteValues();
+  const std::vector<std::string> warnings = odd_.Warnings();
+  report_.warnings.insert(report_.warnings.end(), warnings.begin(), warnings.end());
   return std::move(report_);
 }
 
@@ -547,7 +473,7 @@ StatusOr<PlannedSeries> PlanIngest(const IngestOptions& options, const ProgressC
 
 StatusOr<IngestReport> IngestGiven(const IngestOptions& options, const Given& given,
                                    const ProgressCallback& progress) {
-  FOVEA_RETURN_IF_ERROR(CheckOptions(options));
+  FOVEA_RETURN_IF_ERROR(CheckIngestOptions(options));
   Run run(options, given, progress);
   const Status status = run.Execute(/*from_voxels=*/false);
   if (status.ok()) {

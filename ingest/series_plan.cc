@@ -364,7 +364,8 @@ Status Planner::UseAskedExtent() {
       const GridInfo* grid = FindGrid(file, chosen.grid);
       if (grid != nullptr && grid->problem.empty() && !asked.Contains(BoxOf(*grid))) {
         return InvalidArgument("{}: grid '{}' reaches from {}, outside --extent, {}",
-                               file.file.path, Printable(grid->name), Show(BoxOf(*grid)), Show(asked));
+                               file.file.path, Printable(grid->name), Show(BoxOf(*grid)),
+                               Show(asked));
       }
     }
   }

@@ -1,0 +1,25 @@
+#ifndef INGEST_INGEST_CHECKS_H_
+#define INGEST_INGEST_CHECKS_H_
+
+#include <string>
+#include <vector>
+
+#include "engine/base/status.h"
+#include "ingest/ingest.h"
+
+namespace fovea::ingest {
+
+/// What can be known of options before any file is opened: INVALID_ARGUMENT names what does not go
+/// together, ALREADY_EXISTS an output that is neither empty nor a store.
+[[nodiscard]] Status CheckIngestOptions(const IngestOptions& options);
+
+/// ALREADY_EXISTS: the output is there, `why` (", made of other files") it cannot be gone on with.
+[[nodiscard]] Status IsThere(const IngestOptions& options, const std::string& why);
+
+/// What whole numbers of the files (SeriesPlan::source_types) become without loss: "int16" of 8
+/// bits, "int32" of 16. INVALID_ARGUMENT for any other type.
+[[nodiscard]] StatusOr<std::string> LosslessType(const std::vector<std::string>& source_types);
+
+}  // namespace fovea::ingest
+
+#endif  // INGEST_INGEST_CHECKS_H_
