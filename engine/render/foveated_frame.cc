@@ -10,6 +10,9 @@ namespace {
 // A rectangle of a level of the largest volume, seen obliquely, stays well inside.
 constexpr int64_t kFarthestPixel = int64_t{1} << 20;
 
+// Sheared coordinates of a pixel, far beyond what a view can ask for.
+constexpr double kFarthestWarp = 1e18;
+
 bool IsInRange(const Rect& rect) {
   return std::max({std::abs(rect.u0), std::abs(rect.u1), std::abs(rect.v0), std::abs(rect.v1)}) <=
          kFarthestPixel;
@@ -64,32 +67,39 @@ bool HoldsItsChildren(const FrameLevel& level, const FrameLevel* finer) {
 
 }  // namespace
 
-Status Validate(const FoveatedFrame& frame) {
-  if (frame.levels.empty() || frame.levels.size() > kMostFrameLevels) {
-    return InvalidArgument("foveated frame: {} levels where 1 to {} are allowed",
-                           frame.levels.size(), kMostFrameLevels);
+Status Validate(const std::vector<FrameLevel>& levels, const Rect& sheet) {
+  if (levels.empty() || levels.size() > kMostFrameLevels) {
+    return InvalidArgument("foveated frame: {} levels where 1 to {} are allowed", levels.size(),
+                           kMostFrameLevels);
   }
-  if (frame.width_px < 1 || frame.height_px < 1 || frame.sheet.IsEmpty() ||
-      !IsInRange(frame.sheet) || !std::all_of(frame.warp.begin(), frame.warp.end(), [](double m) {
-        return std::isfinite(m);
-      })) {
-    return InvalidArgument("foveated frame: picture size, sheet or warp is out of range");
+  if (sheet.IsEmpty() || !IsInRange(sheet)) {
+    return InvalidArgument("foveated frame: its sheet is empty, or lies further out than {}",
+                           kFarthestPixel);
   }
-  int64_t width = frame.levels.front().width;
+  int64_t width = levels.front().width;
   if (width < 1 || width > kFarthestPixel || (width & (width - 1)) != 0) {
     return InvalidArgument("foveated frame: pixels {} voxels wide; a power of two is due", width);
   }
-  for (size_t l = 0; l < frame.levels.size(); ++l, width /= 2) {
-    FOVEA_RETURN_IF_ERROR(ValidateShape(frame.levels[l], l, width));
+  for (size_t l = 0; l < levels.size(); ++l, width /= 2) {
+    FOVEA_RETURN_IF_ERROR(ValidateShape(levels[l], l, width));
   }
-  for (size_t l = 0; l < frame.levels.size(); ++l) {
-    const FrameLevel* coarser = l > 0 ? &frame.levels[l - 1] : nullptr;
-    const FrameLevel* finer = l + 1 < frame.levels.size() ? &frame.levels[l + 1] : nullptr;
-    if (!FollowsItsParent(frame.levels[l], coarser) || !HoldsItsChildren(frame.levels[l], finer)) {
+  for (size_t l = 0; l < levels.size(); ++l) {
+    const FrameLevel* coarser = l > 0 ? &levels[l - 1] : nullptr;
+    const FrameLevel* finer = l + 1 < levels.size() ? &levels[l + 1] : nullptr;
+    if (!FollowsItsParent(levels[l], coarser) || !HoldsItsChildren(levels[l], finer)) {
       return InvalidArgument("foveated frame: pixels of level {} do not fit those around it", l);
     }
   }
   return absl::OkStatus();
+}
+
+Status Validate(const FoveatedFrame& frame) {
+  if (frame.width_px < 1 || frame.height_px < 1 ||
+      !std::all_of(frame.warp.begin(), frame.warp.end(),
+                   [](double m) { return std::abs(m) <= kFarthestWarp; })) {
+    return InvalidArgument("foveated frame: picture size or warp is out of range");
+  }
+  return Validate(frame.levels, frame.sheet);
 }
 
 std::array<double, 6> WarpForSize(const FoveatedFrame& frame, int width_px, int height_px) {

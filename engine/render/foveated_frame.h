@@ -59,6 +59,8 @@ struct FoveatedFrame {
 /// INVALID_ARGUMENT, saying what and at which level, unless the frame is one that Expand can draw.
 /// For frames that came from elsewhere.
 [[nodiscard]] Status Validate(const FoveatedFrame& frame);
+/// The same for a pyramid and its sheet alone.
+[[nodiscard]] Status Validate(const std::vector<FrameLevel>& levels, const Rect& sheet);
 
 /// Where the pixels of another picture of the same view lie: height_px keeps the span of the
 /// frame's view, and the centre stays. Equals frame.warp for the frame's own size.

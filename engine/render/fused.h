@@ -17,7 +17,7 @@ struct FusedStats {
   double read_ms = 0;         // time in the sources
   double reconstruct_ms = 0;  // inverse transform
   double smooth_warp_ms = 0;  // RenderFused only
-  double total_ms = 0;        // the whole frame; RenderFused only
+  double total_ms = 0;        // the whole frame; not of TraceFused
   uint64_t peak_bytes = 0;    // of slices and detail held at one time
 };
 
@@ -33,6 +33,15 @@ struct FusedStats {
                                 const RetainedSet& retained, const ShearView& view,
                                 const Matrix4& index_to_world, const RenderSettings& settings,
                                 TraceScratch* scratch, FusedStats* stats);
+
+/// A frame that way: RenderFrame(Reconstruct(source, retained)) in one, the work of one thread but
+/// for its last step. Orthographic views only. `stats`: smooth_warp_ms stays 0.
+[[nodiscard]] StatusOr<FoveatedFrame> RenderFusedFrame(CoefficientSource& source,
+                                                       const RetainedSet& retained,
+                                                       const Matrix4& index_to_world,
+                                                       const RenderSettings& settings,
+                                                       FusedStats* stats = nullptr,
+                                                       CoefficientSource* color = nullptr);
 
 /// A picture that way: RenderFoveated(Reconstruct(source, retained)) in one. The frame is one
 /// thread's work but for its last steps: to play a sequence, render a step on each thread.

@@ -20,6 +20,8 @@ struct Place {
   float fu = 0, fv = 0;
 };
 
+constexpr double kFarthest = 1e15;  // voxels; whole numbers up to there are exact
+
 /// `origin`: where taps are counted from, in pixels.
 Place PlaceOf(double at_u, double at_v, double inverse_width, double origin) {
   const double x = at_u * inverse_width - origin;
@@ -109,6 +111,9 @@ Rgba FaceImage::Along(const Vec3& ray) const {
   const double scale = reach / ray[face_.axis_k];
   const double at_u = face_.eye[face_.axis_u] + scale * ray[face_.axis_u];
   const double at_v = face_.eye[face_.axis_v] + scale * ray[face_.axis_v];
+  if (!(std::abs(at_u) < kFarthest && std::abs(at_v) < kFarthest)) {
+    return {};  // a camera that came from elsewhere, without a direction
+  }
   const auto path = static_cast<float>(Length(face_.WayAt(at_u, at_v)) / face_.common_path);
   return Lengthened(leaves_.empty() ? Smoothed(at_u, at_v) : Staircase(at_u, at_v), path);
 }

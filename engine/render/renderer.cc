@@ -178,9 +178,10 @@ StatusOr<Image> RenderFoveated(const SuperVoxels& volume, const Matrix4& index_t
   return image;
 }
 
-StatusOr<Image> RenderFused(CoefficientSource& source, const RetainedSet& retained,
-                            const Matrix4& index_to_world, const RenderSettings& settings,
-                            FusedStats* stats, CoefficientSource* color) {
+StatusOr<FoveatedFrame> RenderFusedFrame(CoefficientSource& source, const RetainedSet& retained,
+                                         const Matrix4& index_to_world,
+                                         const RenderSettings& settings, FusedStats* stats,
+                                         CoefficientSource* color) {
   FOVEA_RETURN_IF_ERROR(Validate(settings));
   FOVEA_RETURN_IF_ERROR(CheckOrthographic(settings, "fused rendering"));
   if (color != nullptr) {
@@ -198,12 +199,25 @@ StatusOr<Image> RenderFused(CoefficientSource& source, const RetainedSet& retain
   FOVEA_RETURN_IF_ERROR(TraceFused(source, color, retained, view, index_to_world, settings,
                                    &scratch.trace, &counted));
   CombineLayers(dims, view, settings, &scratch);
-  Image image;
-  const Stopwatch expand_watch;
-  Expand(scratch.frame, settings.width_px, settings.height_px, settings.smoothing, settings.basis,
-         settings.threads, &scratch.expand, &image);
-  counted.smooth_warp_ms = expand_watch.ElapsedMs();
   counted.total_ms = watch.ElapsedMs();
+  if (stats != nullptr) {
+    *stats = counted;
+  }
+  return std::move(scratch.frame);
+}
+
+StatusOr<Image> RenderFused(CoefficientSource& source, const RetainedSet& retained,
+                            const Matrix4& index_to_world, const RenderSettings& settings,
+                            FusedStats* stats, CoefficientSource* color) {
+  FusedStats counted;
+  FOVEA_ASSIGN_OR_RETURN(
+      const FoveatedFrame frame,
+      RenderFusedFrame(source, retained, index_to_world, settings, &counted, color));
+  const Stopwatch watch;
+  Image image = Expand(frame, settings.width_px, settings.height_px, settings.smoothing,
+                       settings.basis, settings.threads);
+  counted.smooth_warp_ms = watch.ElapsedMs();
+  counted.total_ms += counted.smooth_warp_ms;
   if (stats != nullptr) {
     *stats = counted;
   }

@@ -32,6 +32,7 @@ struct OutputOptions {
 struct PictureInput {
   std::vector<std::string> inputs;
   std::optional<std::string> server;  // HOST:PORT; inputs[0] is then a dataset's name there
+  bool foveated = false;              // the server sends FOVEATED frames, which are expanded here
   ingest::IngestOptions ingest;       // for foreign files; inputs and output not filled in
   std::string cache;                  // empty: the usual place
   int threads = 0;
@@ -123,6 +124,13 @@ struct RenderCommand {
   std::string file;
 };
 
+struct ExpandCommand {
+  OutputOptions output;
+  std::string frame;
+  std::string file;
+  int threads = 0;
+};
+
 struct ExportCommand {
   OutputOptions output;
   PictureInput input;
@@ -166,8 +174,8 @@ struct DemoCommand {
 
 using Command = std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand,
                              VerifyCommand, RepairCommand, MergeCommand, RetainCommand,
-                             ExtractCommand, PlanCommand, RenderCommand, ExportCommand,
-                             BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
+                             ExtractCommand, PlanCommand, RenderCommand, ExpandCommand,
+                             ExportCommand, BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -190,6 +198,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const ExtractCommand& command);
 [[nodiscard]] Status Run(const PlanCommand& command);
 [[nodiscard]] Status Run(const RenderCommand& command);
+[[nodiscard]] Status Run(const ExpandCommand& command);
 [[nodiscard]] Status Run(const ExportCommand& command);
 [[nodiscard]] Status Run(const BenchCommand& command);
 [[nodiscard]] Status Run(const ServeCommand& command);

@@ -423,6 +423,10 @@ void AddPictureInput(CLI::App* app, PictureInput* input) {
       ->required()
       ->type_name("INPUT...");
   AddServerFlag(app, &input->server);
+  app->add_flag("--foveated", input->foveated,
+                "With --server: frames come as FOVEATED and are expanded here; the same pictures "
+                "in fewer bytes")
+      ->needs("--server");
   AddThreadsFlag(app, &input->threads);
   AddForeignFlags(app, &input->ingest);
   app->add_option("--cache", input->cache,

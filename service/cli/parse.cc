@@ -102,6 +102,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   Offer(AddExtract, &app, &verbs);
   Offer(AddPlan, &app, &verbs);
   Offer(AddRender, &app, &verbs);
+  Offer(AddExpand, &app, &verbs);
   Offer(AddExport, &app, &verbs);
   Offer(AddBench, &app, &verbs);
   Offer(AddServe, &app, &verbs);

@@ -24,6 +24,7 @@ CLI::App* AddRetain(CLI::App* app, RetainCommand* command);
 CLI::App* AddExtract(CLI::App* app, ExtractCommand* command);
 CLI::App* AddPlan(CLI::App* app, PlanCommand* command);
 CLI::App* AddRender(CLI::App* app, RenderCommand* command);
+CLI::App* AddExpand(CLI::App* app, ExpandCommand* command);
 CLI::App* AddExport(CLI::App* app, ExportCommand* command);
 CLI::App* AddBench(CLI::App* app, BenchCommand* command);
 CLI::App* AddServe(CLI::App* app, ServeCommand* command);
@@ -39,6 +40,7 @@ CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 [[nodiscard]] Status Check(ExtractCommand* command);
 [[nodiscard]] Status Check(PlanCommand* command);
 [[nodiscard]] Status Check(RenderCommand* command);
+[[nodiscard]] Status Check(ExpandCommand* command);
 [[nodiscard]] Status Check(ExportCommand* command);
 [[nodiscard]] Status Check(BenchCommand* command);
 template <typename T>

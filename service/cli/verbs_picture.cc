@@ -82,13 +82,14 @@ CLI::App* AddRender(CLI::App* app, RenderCommand* command) {
       "  fovea render smoke.vdb -o smoke.jpg\n"
       "  fovea render bonsai.raw --raw 256x256x256:uint8 --size 1024x1024 -o bonsai.png\n"
       "  fovea render --server 127.0.0.1:50051 smoke --step 30 -o f.png\n"
-      "The name chooses the format: .png .jpg are sRGB over the background; .exr .tif .npy are\n"
+      "The name chooses the format: .png .jpg are sRGB over the background; .fvf is the FOVEATED\n"
+      "frame that `fovea expand` makes these of; .exr .tif .npy are\n"
       "linear, premultiplied RGBA. What was not said is chosen, and printed as flags.");
   AddPictureInput(verb, &command->input);
   verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
       ->check(CLI::NonNegativeNumber)
       ->type_name("N");
-  verb->add_option("-o,--output", command->file, "The picture: .png .jpg .exr .tif .npy")
+  verb->add_option("-o,--output", command->file, "The picture: .png .jpg .exr .tif .npy .fvf")
       ->required()
       ->type_name("FILE");
   AddPictureFlags(verb, &command->spec);
@@ -123,7 +124,7 @@ CLI::App* AddExport(CLI::App* app, ExportCommand* command) {
   AddPictureInput(verb, &command->input);
   AddStepsFlag(verb, &command->steps);
   verb->add_option("-o,--output", command->file,
-                   "'f.####.png' (.jpg .exr .tif .npy), or a movie: .mp4 .mov .webm")
+                   "'f.####.png' (.jpg .exr .tif .npy .fvf), or a movie: .mp4 .mov .webm")
       ->required()
       ->type_name("FILE");
   verb->add_option("--animation", command->animation_file, "Keyframes of view, fovea, rate, step")

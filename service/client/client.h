@@ -31,7 +31,8 @@ struct SequenceRequest {
 
 /// One connection, made by the first call. Errors are the server's, with "server HOST:PORT: " in
 /// front; UNAVAILABLE says how to start one. What comes back is checked: INTERNAL if it cannot be
-/// what the proto promises. Thread-safe.
+/// what the proto promises. A frame of Encoding::kFoveated becomes a picture, the server's byte for
+/// byte, by frames::ExpandFrame. Thread-safe.
 class Client {
  public:
   /// `address` is HOST:PORT; INVALID_ARGUMENT for anything else. `deadline_seconds` bounds each

@@ -48,8 +48,10 @@ class FrameProvider {
                                                                  int threads);
 
 /// Asks the server at `address` ("HOST:PORT"). Steps that follow each other come as one stream.
+/// `foveated`: pictures of 8 bits come as FOVEATED frames and are expanded here, to the same bytes.
 [[nodiscard]] StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(const std::string& address,
-                                                                  const std::string& dataset);
+                                                                  const std::string& dataset,
+                                                                  bool foveated = false);
 
 }  // namespace fovea::exports
 

@@ -31,9 +31,12 @@ StatusOr<PictureFormat> PictureFormatOf(const std::string& path) {
   if (ending == ".npy") {
     return PictureFormat::kNpy;
   }
+  if (ending == ".fvf") {
+    return PictureFormat::kFoveated;
+  }
   return InvalidArgument(
       "'{}' does not end in a picture format that can be written: .png .jpg "
-      ".exr .tif .npy",
+      ".exr .tif .npy .fvf",
       path);
 }
 
@@ -43,6 +46,8 @@ frames::Encoding EncodingFor(PictureFormat format) {
       return frames::Encoding::kPng;
     case PictureFormat::kJpeg:
       return frames::Encoding::kJpeg;
+    case PictureFormat::kFoveated:
+      return frames::Encoding::kFoveated;
     case PictureFormat::kExr:
     case PictureFormat::kTiff:
     case PictureFormat::kNpy:
@@ -55,6 +60,7 @@ Status WritePicture(const std::string& path, PictureFormat format, const frames:
   switch (format) {
     case PictureFormat::kPng:
     case PictureFormat::kJpeg:
+    case PictureFormat::kFoveated:
       return WriteWholeFile(path, frame.pixels);
     case PictureFormat::kNpy:
       return WriteWholeFile(path, NpyHeader({frame.height_px, frame.width_px, 4}) + frame.pixels);

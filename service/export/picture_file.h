@@ -9,12 +9,13 @@
 /// Frames as picture files; the file's name chooses the format.
 namespace fovea::exports {
 
-enum class PictureFormat { kPng, kJpeg, kExr, kTiff, kNpy };
+enum class PictureFormat { kPng, kJpeg, kExr, kTiff, kNpy, kFoveated };
 
-/// By the ending: .png .jpg .jpeg .exr .tif .tiff .npy. INVALID_ARGUMENT for any other.
+/// By the ending: .png .jpg .jpeg .exr .tif .tiff .npy .fvf. INVALID_ARGUMENT for any other.
 [[nodiscard]] StatusOr<PictureFormat> PictureFormatOf(const std::string& path);
 
-/// What a frame must be rendered as to be written in this format: PNG, JPEG, or RAW_RGBA_F32.
+/// What a frame must be rendered as to be written in this format: PNG, JPEG, FOVEATED or
+/// RAW_RGBA_F32.
 [[nodiscard]] frames::Encoding EncodingFor(PictureFormat format);
 
 /// Writes the frame, which must have the encoding for this format. The file appears whole or not

@@ -2,6 +2,7 @@
 
 #include "service/client/client.h"
 #include "service/export/frame_provider.h"
+#include "service/frames/foveated_picture.h"
 
 namespace fovea::exports {
 namespace {
@@ -28,8 +29,11 @@ frames::FrameSpec Tiny(frames::FrameSpec spec) {
 class RemoteProvider final : public FrameProvider {
  public:
   RemoteProvider(std::unique_ptr<client::Client> client, client::DatasetSummary summary,
-                 std::string identity)
-      : client_(std::move(client)), summary_(std::move(summary)), identity_(std::move(identity)) {}
+                 std::string identity, bool foveated)
+      : client_(std::move(client)),
+        summary_(std::move(summary)),
+        identity_(std::move(identity)),
+        foveated_(foveated) {}
 
   [[nodiscard]] const std::string& identity() const override { return identity_; }
   [[nodiscard]] const store::DatasetInfo& info() const override { return summary_.info; }
@@ -63,7 +67,9 @@ class RemoteProvider final : public FrameProvider {
   }
 
   StatusOr<frames::Frame> Render(int64_t step, const frames::FrameSpec& spec) override {
-    return client_->RenderFrame(summary_.name, step, spec);
+    FOVEA_ASSIGN_OR_RETURN(frames::Frame frame,
+                           client_->RenderFrame(summary_.name, step, AsSent(spec)));
+    return AsWanted(std::move(frame), spec);
   }
 
   Status RenderEach(const std::vector<int64_t>& steps, const frames::FrameSpec& spec,
@@ -75,11 +81,12 @@ class RemoteProvider final : public FrameProvider {
       request.first = steps[begin];
       request.last = steps[begin + length - 1];
       request.stride = length > 1 ? steps[begin + 1] - steps[begin] : 1;
-      request.spec = spec;
+      request.spec = AsSent(spec);
       Status stopped;
       size_t received = 0;
       FOVEA_RETURN_IF_ERROR(client_->RenderSequence(request, [&](const frames::Frame& frame) {
-        stopped = on_frame(frame);
+        const auto wanted = AsWanted(frame, spec);
+        stopped = wanted.ok() ? on_frame(*wanted) : wanted.status();
         ++received;
         return stopped.ok();
       }));
@@ -94,22 +101,39 @@ class RemoteProvider final : public FrameProvider {
   }
 
  private:
+  /// `spec` in the encoding in which frames travel.
+  [[nodiscard]] frames::FrameSpec AsSent(frames::FrameSpec spec) const {
+    if (foveated_ && spec.encoding != frames::Encoding::kRawRgbaF32) {
+      spec.encoding = frames::Encoding::kFoveated;
+    }
+    return spec;
+  }
+  /// A frame that came, in the encoding of `spec`.
+  [[nodiscard]] static StatusOr<frames::Frame> AsWanted(frames::Frame frame,
+                                                        const frames::FrameSpec& spec) {
+    if (frame.encoding == spec.encoding) {
+      return frame;
+    }
+    return frames::ExpandFrame(frame, spec.encoding);
+  }
+
   std::unique_ptr<client::Client> client_;
   client::DatasetSummary summary_;
   std::string identity_;
+  bool foveated_;
 };
 
 }  // namespace
 
 StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(const std::string& address,
-                                                    const std::string& dataset) {
+                                                    const std::string& dataset, bool foveated) {
   FOVEA_ASSIGN_OR_RETURN(auto client, client::Client::Connect(address));
   FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, client->GetDataset(dataset));
   if (!summary.default_spec.field) {
     return FailedPrecondition("server {}: {} has no committed step yet", address, dataset);
   }
   return std::make_unique<RemoteProvider>(std::move(client), std::move(summary),
-                                          fmt::format("{}/{}", address, dataset));
+                                          fmt::format("{}/{}", address, dataset), foveated);
 }
 
 }  // namespace fovea::exports

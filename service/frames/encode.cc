@@ -115,6 +115,8 @@ StatusOr<std::string> Encode(const render::Image& image, Encoding encoding,
       return EncodePng(DropAlpha(rgba), image.width, image.height);
     case Encoding::kJpeg:
       return EncodeJpeg(DropAlpha(rgba), image.width, image.height, jpeg_quality);
+    case Encoding::kFoveated:
+      return InvalidArgument("a picture that is expanded cannot become a FOVEATED frame");
     case Encoding::kRawRgba8:
     case Encoding::kRawRgbaF32:
       break;
@@ -132,6 +134,8 @@ const char* EncodingName(Encoding encoding) {
       return "RAW_RGBA8";
     case Encoding::kRawRgbaF32:
       return "RAW_RGBA_F32";
+    case Encoding::kFoveated:
+      return "FOVEATED";
   }
   return "PNG";
 }

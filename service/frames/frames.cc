@@ -12,8 +12,8 @@
 #include "engine/render/fused.h"
 #include "engine/render/perspective.h"
 #include "engine/store/retention.h"
-#include "service/frames/encode.h"
-#include "service/frames/marker.h"
+#include "service/frames/foveated_codec.h"
+#include "service/frames/foveated_picture.h"
 
 namespace fovea::frames {
 namespace {
@@ -66,10 +66,10 @@ StatusOr<Sources> OpenSources(store::Dataset& dataset, int64_t step, const Frame
   return sources;
 }
 
-StatusOr<render::Image> RenderTwoPhase(const Sources& sources, const RetainedSet& retained,
-                                       const Matrix4& index_to_world,
-                                       const render::RenderSettings& settings, Reconstruction how,
-                                       FrameStats* stats) {
+StatusOr<FoveatedPicture> RenderTwoPhase(const Sources& sources, const RetainedSet& retained,
+                                         const Matrix4& index_to_world,
+                                         const render::RenderSettings& settings, Reconstruction how,
+                                         FrameStats* stats) {
   ReconstructStats times;
   FOVEA_ASSIGN_OR_RETURN(const SuperVoxels volume,
                          Reconstruct(*sources.value, retained, settings.threads, &times, how));
@@ -81,31 +81,58 @@ StatusOr<render::Image> RenderTwoPhase(const Sources& sources, const RetainedSet
     times.read_ms += more.read_ms;
     times.reconstruct_ms += more.reconstruct_ms;
   }
+  const SuperVoxels* color = sources.color != nullptr ? &colors : nullptr;
   render::RenderStats rendered;
-  FOVEA_ASSIGN_OR_RETURN(render::Image image,
-                         render::RenderFoveated(volume, index_to_world, settings, &rendered,
-                                                sources.color != nullptr ? &colors : nullptr));
+  FoveatedPicture picture;
+  if (settings.perspective) {
+    FOVEA_RETURN_IF_ERROR(render::Validate(settings));
+    FOVEA_ASSIGN_OR_RETURN(picture.frame, render::RenderPerspectiveFrame(
+                                              volume, color, index_to_world, settings, &rendered));
+  } else {
+    FOVEA_ASSIGN_OR_RETURN(picture.frame,
+                           render::RenderFrame(volume, index_to_world, settings, &rendered, color));
+  }
   stats->samples = rendered.samples;
   stats->read_ms = times.read_ms;
   stats->reconstruct_ms = times.reconstruct_ms;
   stats->render_ms = rendered.render_ms;
-  stats->smooth_warp_ms = rendered.smooth_warp_ms;
-  return image;
+  return picture;
 }
 
-StatusOr<render::Image> RenderFused(const Sources& sources, const RetainedSet& retained,
-                                    const Matrix4& index_to_world,
-                                    const render::RenderSettings& settings, FrameStats* stats) {
+StatusOr<FoveatedPicture> RenderFused(const Sources& sources, const RetainedSet& retained,
+                                      const Matrix4& index_to_world,
+                                      const render::RenderSettings& settings, FrameStats* stats) {
   render::FusedStats fused;
-  FOVEA_ASSIGN_OR_RETURN(render::Image image,
-                         render::RenderFused(*sources.value, retained, index_to_world, settings,
-                                             &fused, sources.color.get()));
+  FoveatedPicture picture;
+  FOVEA_ASSIGN_OR_RETURN(
+      picture.frame, render::RenderFusedFrame(*sources.value, retained, index_to_world, settings,
+                                              &fused, sources.color.get()));
   stats->samples = fused.samples;
   stats->read_ms = fused.read_ms;
   stats->reconstruct_ms = fused.reconstruct_ms;
-  stats->smooth_warp_ms = fused.smooth_warp_ms;
-  stats->render_ms = fused.total_ms - fused.read_ms - fused.reconstruct_ms - fused.smooth_warp_ms;
-  return image;
+  stats->render_ms = fused.total_ms - fused.read_ms - fused.reconstruct_ms;
+  return picture;
+}
+
+/// `picture` to the bytes of the encoding asked for.
+StatusOr<std::string> EncodePicture(FoveatedPicture picture, const FrameSpec& resolved, int threads,
+                                    FrameStats* stats) {
+  Stopwatch watch;
+  if (resolved.encoding == Encoding::kFoveated) {
+    auto bytes = EncodeFoveated(picture);
+    stats->encode_ms = watch.ElapsedMs();
+    return bytes;
+  }
+  if (resolved.encoding != Encoding::kRawRgbaF32) {
+    SnapLeaves(&picture, threads);
+  }
+  const std::optional<Marker> marker = picture.marker;
+  render::Image image = ExpandImage(std::move(picture), threads);
+  stats->smooth_warp_ms = watch.RestartMs();
+  auto bytes = EncodeMarked(std::move(image), marker, resolved.encoding, *resolved.background,
+                            static_cast<int>(*resolved.jpeg_quality));
+  stats->encode_ms = watch.ElapsedMs();
+  return bytes;
 }
 
 void AddReadStats(const store::ReadStats& read, const std::string& field, Frame* frame) {
@@ -173,6 +200,16 @@ double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
                                   settings.width_px, settings.height_px);
 }
 
+int64_t MostFoveatedBytes(const store::DatasetInfo& info, const RetainedSet& retained,
+                          const FrameSpec& resolved) {
+  if (!resolved.view.perspective) {
+    return MostFoveatedBytes(CountFrame(info, retained, resolved).accumulator_pixels);
+  }
+  const render::RenderSettings settings = RenderSettingsOf(resolved, 0);
+  return MostFoveatedBytes(render::PerspectivePixels(
+      retained, *settings.perspective, info.index_to_world, settings.width_px, settings.height_px));
+}
+
 render::FrameCounts CountFrame(const store::DatasetInfo& info, const RetainedSet& retained,
                                const FrameSpec& resolved) {
   const render::RenderSettings settings = RenderSettingsOf(resolved, 1);
@@ -199,7 +236,7 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
 
   const render::RenderSettings settings = RenderSettingsOf(resolved, threads);
   FOVEA_ASSIGN_OR_RETURN(
-      render::Image image,
+      FoveatedPicture picture,
       resolved.mode == Mode::kFused
           ? RenderFused(sources, retained, info.index_to_world, settings, &frame.stats)
           : RenderTwoPhase(sources, retained, info.index_to_world, settings,
@@ -212,20 +249,19 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
   if (std::optional<Warning> warning = RetentionWarning(info, retained)) {
     frame.warnings.push_back(*std::move(warning));
   }
-  Stopwatch watch;
-  if (resolved.fovea_marker && resolved.encoding != Encoding::kRawRgbaF32) {
-    if (const auto pixel = PixelOf(resolved.fovea->at, settings, info)) {
-      DrawFoveaMarker(&image, (*pixel)[0], (*pixel)[1]);
-    }
+  picture.smoothing = settings.smoothing;
+  picture.basis = settings.basis;
+  picture.background = *resolved.background;
+  if (resolved.fovea_marker) {
+    picture.marker = PixelOf(resolved.fovea->at, settings, info);
   }
-  FOVEA_ASSIGN_OR_RETURN(frame.pixels, Encode(image, resolved.encoding, *resolved.background,
-                                              static_cast<int>(*resolved.jpeg_quality)));
-  frame.width_px = image.width;
-  frame.height_px = image.height;
+  FOVEA_ASSIGN_OR_RETURN(frame.pixels,
+                         EncodePicture(std::move(picture), resolved, threads, &frame.stats));
+  frame.width_px = settings.width_px;
+  frame.height_px = settings.height_px;
   const uint64_t fields = sources.color != nullptr ? 2 : 1;
   frame.stats.coefficients = fields * static_cast<uint64_t>(retained.CoefficientCount());
   frame.stats.super_voxels = fields * static_cast<uint64_t>(retained.SuperVoxelCount());
-  frame.stats.encode_ms = watch.ElapsedMs();
   return frame;
 }
 

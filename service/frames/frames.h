@@ -35,6 +35,10 @@ namespace fovea::frames {
 [[nodiscard]] double FrameBytes(const store::DatasetInfo& info, const RetainedSet& retained,
                                 const FrameSpec& resolved);
 
+/// An upper bound of the bytes of the frame in Encoding::kFoveated.
+[[nodiscard]] int64_t MostFoveatedBytes(const store::DatasetInfo& info, const RetainedSet& retained,
+                                        const FrameSpec& resolved);
+
 /// What the renderer is told for a spec that came from ResolveSpec.
 [[nodiscard]] render::RenderSettings RenderSettingsOf(const FrameSpec& resolved, int threads);
 

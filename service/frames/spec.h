@@ -66,7 +66,7 @@ struct ClipSpec {
 /// spec has one of these two.
 enum class Mode { kTwoPhase, kFused, kAuto };
 
-enum class Encoding { kPng, kJpeg, kRawRgba8, kRawRgbaF32 };
+enum class Encoding { kPng, kJpeg, kRawRgba8, kRawRgbaF32, kFoveated };
 
 struct FrameSpec {
   std::optional<std::string> field;
@@ -128,7 +128,8 @@ struct Frame {
   FrameSpec used;  // nothing left to default: rendered again, it gives the same bytes
   int width_px = 0, height_px = 0;
   Encoding encoding = Encoding::kPng;
-  std::string pixels;  // RAW: top row first, R G B A, no padding; F32 little-endian
+  /// RAW: top row first, R G B A, no padding; F32 little-endian. kFoveated: ExpandFrame draws it.
+  std::string pixels;
   FrameStats stats;
   uint64_t index = 0;  // within a sequence, from 0
   std::vector<Warning> warnings;

@@ -53,7 +53,10 @@ StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset
   job.render_bytes = static_cast<int64_t>(frames::FrameBytes(info, *retained, job.spec));
   const int64_t pixel_bytes =
       std::max(kCompressedBytesPerPixel, wire::RawPixelBytes(job.spec.encoding));
-  job.reply_bytes = pixel_bytes * job.pixels + kReplyOverheadBytes;
+  job.reply_bytes =
+      kReplyOverheadBytes + (job.spec.encoding == frames::Encoding::kFoveated
+                                 ? frames::MostFoveatedBytes(info, *retained, job.spec)
+                                 : pixel_bytes * job.pixels);
   return job;
 }
 

@@ -24,7 +24,7 @@ inline constexpr int kMaxRequestMessageBytes = 1 << 20;
 [[nodiscard]] int64_t RawPixelBytes(frames::Encoding encoding);
 
 [[nodiscard]] v1::Encoding ToProto(frames::Encoding encoding);
-/// INVALID_ARGUMENT pointing at `path` for a number that is no encoding, or one not served yet.
+/// INVALID_ARGUMENT pointing at `path` for a number that is no encoding.
 [[nodiscard]] StatusOr<frames::Encoding> EncodingFromProto(v1::Encoding proto,
                                                            std::string_view path);
 
@@ -32,7 +32,7 @@ inline constexpr int kMaxRequestMessageBytes = 1 << 20;
 /// of a view that is given in part, angles left out are 0.
 [[nodiscard]] v1::FrameSpec ToProto(const frames::FrameSpec& spec);
 /// INVALID_ARGUMENT pointing at the field below `path` ("spec", say) that is unknown, not finite,
-/// outside its range, or not served yet; also for raw frames of more than kMaxFrameBytes.
+/// or outside its range; also for raw frames of more than kMaxFrameBytes.
 [[nodiscard]] StatusOr<frames::FrameSpec> FromProto(const v1::FrameSpec& proto,
                                                     std::string_view path);
 

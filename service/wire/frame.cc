@@ -2,6 +2,8 @@
 #include <utility>
 
 #include "engine/render/renderer.h"
+#include "service/frames/encode.h"
+#include "service/frames/foveated_codec.h"
 #include "service/wire/convert.h"
 
 namespace fovea::wire {
@@ -57,9 +59,12 @@ Status CheckPixels(const v1::Frame& proto, frames::Encoding encoding) {
     }
     return absl::OkStatus();
   }
-  const bool png = encoding == frames::Encoding::kPng;
-  if (!proto.pixels().starts_with(png ? "\x89PNG\r\n\x1a\n" : "\xff\xd8\xff")) {
-    return Internal("a frame said to be {} does not start like one", png ? "PNG" : "JPEG");
+  const std::string_view signature = encoding == frames::Encoding::kPng    ? "\x89PNG\r\n\x1a\n"
+                                     : encoding == frames::Encoding::kJpeg ? "\xff\xd8\xff"
+                                                                           : frames::kFoveatedMagic;
+  if (!proto.pixels().starts_with(std::string(signature))) {
+    return Internal("a frame said to be {} does not start like one",
+                    frames::EncodingName(encoding));
   }
   return absl::OkStatus();
 }

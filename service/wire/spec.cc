@@ -368,6 +368,7 @@ int64_t RawPixelBytes(frames::Encoding encoding) {
       return 16;
     case frames::Encoding::kPng:
     case frames::Encoding::kJpeg:
+    case frames::Encoding::kFoveated:
       break;
   }
   return 0;
@@ -383,6 +384,8 @@ v1::Encoding ToProto(frames::Encoding encoding) {
       return v1::RAW_RGBA8;
     case frames::Encoding::kRawRgbaF32:
       return v1::RAW_RGBA_F32;
+    case frames::Encoding::kFoveated:
+      return v1::FOVEATED;
   }
   return v1::PNG;
 }
@@ -399,11 +402,9 @@ StatusOr<frames::Encoding> EncodingFromProto(v1::Encoding proto, std::string_vie
     case v1::RAW_RGBA_F32:
       return frames::Encoding::kRawRgbaF32;
     case v1::FOVEATED:
-      return BadField(path,
-                      "FOVEATED is not served yet; ask for PNG, JPEG, RAW_RGBA8 or "
-                      "RAW_RGBA_F32");
+      return frames::Encoding::kFoveated;
     default:
-      return UnknownEnum(std::string(path), proto, "PNG, JPEG, RAW_RGBA8, RAW_RGBA_F32");
+      return UnknownEnum(std::string(path), proto, "PNG, JPEG, RAW_RGBA8, RAW_RGBA_F32, FOVEATED");
   }
 }
 

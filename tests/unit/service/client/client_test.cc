@@ -10,6 +10,7 @@
 #include <gmock/gmock.h>
 #include <netinet/in.h>
 
+#include "service/frames/foveated_picture.h"
 #include "tests/unit/service/server/server_test_util.h"
 
 namespace fovea::client {
@@ -53,6 +54,31 @@ TEST_F(ClientTest, AFrameIsTheSameAsInProcess) {
   EXPECT_EQ(frame.used, expected.used);
   EXPECT_EQ(frame.time_ns, expected.time_ns);
   EXPECT_EQ(frame.stats.coefficients, expected.stats.coefficients);
+}
+
+TEST_F(ClientTest, FoveatedFramesOfASequenceExpandToItsPictures) {
+  SequenceRequest request;
+  request.dataset = "plume";
+  request.spec = Spec();
+  const auto pictures = [&](frames::Encoding encoding) {
+    std::vector<frames::Frame> got;
+    request.spec.encoding = encoding;
+    EXPECT_OK(client_->RenderSequence(request, [&](const frames::Frame& frame) {
+      got.push_back(frame);
+      return true;
+    }));
+    return got;
+  };
+  const auto foveated = pictures(frames::Encoding::kFoveated);
+  const auto expected = pictures(frames::Encoding::kRawRgba8);
+  ASSERT_EQ(foveated.size(), 5U);
+  ASSERT_EQ(expected.size(), 5U);
+  for (size_t i = 0; i < expected.size(); ++i) {
+    ASSERT_OK_AND_ASSIGN(const frames::Frame expanded,
+                         frames::ExpandFrame(foveated[i], frames::Encoding::kRawRgba8));
+    EXPECT_TRUE(expanded.pixels == expected[i].pixels) << i;
+    EXPECT_EQ(expanded.used, expected[i].used);
+  }
 }
 
 TEST_F(ClientTest, ASequenceComesInOrderWithAnyWindow) {

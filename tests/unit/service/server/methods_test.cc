@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <grpcpp/generic/generic_stub.h>
 
+#include "service/frames/foveated_picture.h"
 #include "tests/unit/service/server/server_test_util.h"
 
 namespace fovea::server {
@@ -112,8 +113,22 @@ TEST_F(MethodsTest, UnknownDatasetsAreNotFound) {
   }
 }
 
+TEST_F(MethodsTest, AFoveatedFrameExpandsToTheServersPicture) {
+  v1::Frame frame;
+  ASSERT_OK(RenderFrame(Request(v1::FOVEATED), &frame));
+  ASSERT_OK_AND_ASSIGN(const frames::Frame foveated, wire::FromProto(std::move(frame)));
+  for (const auto encoding : {v1::RAW_RGBA8, v1::PNG, v1::JPEG}) {
+    v1::Frame picture;
+    ASSERT_OK(RenderFrame(Request(encoding), &picture));
+    ASSERT_OK_AND_ASSIGN(
+        const frames::Frame expanded,
+        frames::ExpandFrame(foveated, *wire::EncodingFromProto(encoding, "encoding")));
+    EXPECT_TRUE(expanded.pixels == picture.pixels()) << encoding;
+  }
+}
+
 TEST_F(MethodsTest, AFrameHasTheBytesOfTheSameFrameInProcess) {
-  for (const auto encoding : {v1::RAW_RGBA_F32, v1::RAW_RGBA8, v1::PNG, v1::JPEG}) {
+  for (const auto encoding : {v1::RAW_RGBA_F32, v1::RAW_RGBA8, v1::PNG, v1::JPEG, v1::FOVEATED}) {
     v1::Frame frame;
     ASSERT_OK(RenderFrame(Request(encoding), &frame));
     ASSERT_OK_AND_ASSIGN(const frames::Frame expected,
@@ -180,8 +195,6 @@ const BadFrame kBadFrames[] = {
      }},
     {"spec.encoding", absl::StatusCode::kInvalidArgument, "42",
      [](v1::RenderFrameRequest* r) { r->mutable_spec()->set_encoding(v1::Encoding(42)); }},
-    {"spec.encoding", absl::StatusCode::kInvalidArgument, "FOVEATED is not served yet",
-     [](v1::RenderFrameRequest* r) { r->mutable_spec()->set_encoding(v1::FOVEATED); }},
     {"spec.view.orthographic.azimuth_deg", absl::StatusCode::kInvalidArgument, "finite",
      [](v1::RenderFrameRequest* r) {
        r->mutable_spec()->mutable_view()->mutable_orthographic()->set_azimuth_deg(

@@ -58,8 +58,9 @@ TEST(SpecTest, AnEmptySpecComesBackEmpty) {
 }
 
 TEST(SpecTest, EveryEnumValueComesBack) {
-  for (const auto encoding : {frames::Encoding::kPng, frames::Encoding::kJpeg,
-                              frames::Encoding::kRawRgba8, frames::Encoding::kRawRgbaF32}) {
+  for (const auto encoding :
+       {frames::Encoding::kPng, frames::Encoding::kJpeg, frames::Encoding::kRawRgba8,
+        frames::Encoding::kRawRgbaF32, frames::Encoding::kFoveated}) {
     for (const auto smoothing :
          {render::Smoothing::kNone, render::Smoothing::kImage, render::Smoothing::kFull}) {
       for (const auto kind : {render::Weighting::Kind::kNone, render::Weighting::Kind::kChop,
@@ -172,8 +173,6 @@ const BadSpec kBadSpecs[] = {
        s->set_height_px(1025);
      }},
     {"spec.jpeg_quality", "1 to 100", [](v1::FrameSpec* s) { s->set_jpeg_quality(101); }},
-    {"spec.encoding", "FOVEATED is not served yet",
-     [](v1::FrameSpec* s) { s->set_encoding(v1::FOVEATED); }},
     {"spec.encoding", "77", [](v1::FrameSpec* s) { s->set_encoding(v1::Encoding(77)); }},
     {"spec.smoothing", "9", [](v1::FrameSpec* s) { s->set_smoothing(v1::Smoothing(9)); }},
     {"spec.weighting.kind", "-1",
@@ -340,6 +339,8 @@ TEST(FrameTest, PixelsMustFitTheSize) {
   proto.set_encoding(v1::PNG);
   EXPECT_THAT(FromProto(proto), FailsWith(absl::StatusCode::kInternal, "said to be PNG"));
   proto = ToProto(SmallFrame());
+  proto.set_encoding(v1::FOVEATED);
+  EXPECT_THAT(FromProto(proto), FailsWith(absl::StatusCode::kInternal, "said to be FOVEATED"));
   proto.set_encoding(v1::Encoding(12));
   EXPECT_THAT(FromProto(proto), FailsWith(absl::StatusCode::kInternal, "does not understand"));
 }
