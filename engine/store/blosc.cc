@@ -83,7 +83,7 @@ void BloscEncoder::State::AppendPlane(std::span<const std::byte> plane) {
   size_t stream =
       ZSTD_compress2(bytes, chunk.data() + start, chunk.size() - start, plane.data(), plane.size());
   if (ZSTD_isError(stream) != 0 || stream >= plane.size()) {
-    std::memcpy(chunk.data() + start, plane.data(), plane.size());
+    std::copy(plane.begin(), plane.end(), chunk.data() + start);
     stream = plane.size();  // this says that it was copied
   }
   Put(static_cast<uint32_t>(stream), &chunk, size);
@@ -148,7 +148,7 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
   }
   if (!smaller || s.size >= kHeaderBytes + values.size()) {
     header.flags = static_cast<uint8_t>(header.flags | kCopied);
-    std::memcpy(s.chunk.data() + kHeaderBytes, values.data(), values.size());
+    std::copy(values.begin(), values.end(), s.chunk.data() + kHeaderBytes);
     s.size = kHeaderBytes + values.size();
   }
   header.chunk_bytes = static_cast<uint32_t>(s.size);
@@ -170,7 +170,7 @@ struct BloscDecoder::State {
 Status BloscDecoder::State::ReadStream(std::span<const std::byte> stream,
                                        std::span<std::byte> plane) {
   if (stream.size() == plane.size()) {
-    std::memcpy(plane.data(), stream.data(), plane.size());
+    std::copy(stream.begin(), stream.end(), plane.begin());
     return absl::OkStatus();
   }
   const size_t size =
@@ -239,7 +239,7 @@ Status BloscDecoder::Decode(std::span<const std::byte> chunk, int type_bytes,
       return DataLoss("its Blosc chunk has {} bytes instead of {}", chunk.size(),
                       kHeaderBytes + values.size());
     }
-    std::memcpy(values.data(), chunk.data() + kHeaderBytes, values.size());
+    std::copy(chunk.begin() + kHeaderBytes, chunk.end(), values.begin());
     return absl::OkStatus();
   }
   const auto width = static_cast<size_t>(type_bytes);
@@ -261,7 +261,7 @@ Status BloscDecoder::Decode(std::span<const std::byte> chunk, int type_bytes,
   } else if ((header.flags & kShuffled) != 0) {
     UnshuffleBytes(s.planes.data(), count, type_bytes, values.data());
   } else {
-    std::memcpy(values.data(), s.planes.data(), values.size());
+    std::copy(s.planes.begin(), s.planes.end(), values.begin());
   }
   return absl::OkStatus();
 }
