@@ -83,7 +83,7 @@ void BloscEncoder::State::AppendPlane(std::span<const std::byte> plane) {
   size_t stream =
       ZSTD_compress2(bytes, chunk.data() + start, chunk.size() - start, plane.data(), plane.size());
   if (ZSTD_isError(stream) != 0 || stream >= plane.size()) {
-    std::copy(plane.begin(), plane.end(), chunk.data() + start);
+    std::memcpy(chunk.data() + start, plane.data(), plane.size());
     stream = plane.size();  // this says that it was copied
   }
   Put(static_cast<uint32_t>(stream), &chunk, size);
@@ -121,7 +121,8 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
   State& s = *state_;
   const auto width = static_cast<size_t>(type_bytes);
   const size_t count = values.size() / width;
-  if (values.size() > std::numeric_limits<int32_t>::max() / 2 || count * width != values.size()) {
+  if (values.empty() || values.size() > std::numeric_limits<int32_t>::max() / 2 ||
+      count * width != values.size()) {
     return Internal("{} bytes of values of {} cannot be a chunk", values.size(), type_bytes);
   }
   s.scratch.resize(values.size());
@@ -148,7 +149,7 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
   }
   if (!smaller || s.size >= kHeaderBytes + values.size()) {
     header.flags = static_cast<uint8_t>(header.flags | kCopied);
-    std::copy(values.begin(), values.end(), s.chunk.data() + kHeaderBytes);
+    std::memcpy(s.chunk.data() + kHeaderBytes, values.data(), values.size());
     s.size = kHeaderBytes + values.size();
   }
   header.chunk_bytes = static_cast<uint32_t>(s.size);
@@ -170,7 +171,7 @@ struct BloscDecoder::State {
 Status BloscDecoder::State::ReadStream(std::span<const std::byte> stream,
                                        std::span<std::byte> plane) {
   if (stream.size() == plane.size()) {
-    std::copy(stream.begin(), stream.end(), plane.begin());
+    std::memcpy(plane.data(), stream.data(), plane.size());
     return absl::OkStatus();
   }
   const size_t size =
@@ -212,6 +213,9 @@ namespace {
 /// The header of a chunk that says what it must.
 StatusOr<Header> CheckHeader(std::span<const std::byte> chunk, int type_bytes, size_t bytes) {
   Header header;
+  if (bytes == 0) {
+    return DataLoss("there is no Blosc chunk of no values");
+  }
   if (chunk.size() < kHeaderBytes) {
     return DataLoss("{} bytes are too few for a Blosc chunk", chunk.size());
   }
@@ -239,7 +243,7 @@ Status BloscDecoder::Decode(std::span<const std::byte> chunk, int type_bytes,
       return DataLoss("its Blosc chunk has {} bytes instead of {}", chunk.size(),
                       kHeaderBytes + values.size());
     }
-    std::copy(chunk.begin() + kHeaderBytes, chunk.end(), values.begin());
+    std::memcpy(values.data(), chunk.data() + kHeaderBytes, values.size());
     return absl::OkStatus();
   }
   const auto width = static_cast<size_t>(type_bytes);
@@ -261,7 +265,7 @@ Status BloscDecoder::Decode(std::span<const std::byte> chunk, int type_bytes,
   } else if ((header.flags & kShuffled) != 0) {
     UnshuffleBytes(s.planes.data(), count, type_bytes, values.data());
   } else {
-    std::copy(s.planes.begin(), s.planes.end(), values.begin());
+    std::memcpy(values.data(), s.planes.data(), values.size());
   }
   return absl::OkStatus();
 }

@@ -29,8 +29,8 @@ class BloscEncoder {
  public:
   BloscEncoder();
   ~BloscEncoder();
-  /// The chunk of values of `type_bytes` (1, 2 or 4); valid until the next call. A bit shuffle of
-  /// values that do not come in eights is a byte shuffle.
+  /// The chunk of values of `type_bytes` (1, 2 or 4), at least one; valid until the next call. A
+  /// bit shuffle of values that do not come in eights is a byte shuffle.
   [[nodiscard]] StatusOr<std::span<const std::byte>> Encode(std::span<const std::byte> values,
                                                             int type_bytes, Filter filter);
 
@@ -44,8 +44,9 @@ class BloscDecoder {
  public:
   BloscDecoder();
   ~BloscDecoder();
-  /// Fills `values`, which hold values of `type_bytes`. DATA_LOSS, saying what is wrong, for
-  /// anything but a chunk of so many bytes in one block. Takes no memory but for as many bytes.
+  /// Fills `values`, which hold values of `type_bytes`, at least one. DATA_LOSS, saying what is
+  /// wrong, for anything but a chunk of so many bytes in one block. Takes no memory but for as many
+  /// bytes.
   [[nodiscard]] Status Decode(std::span<const std::byte> chunk, int type_bytes,
                               std::span<std::byte> values);
 

@@ -166,6 +166,14 @@ TEST(Blosc, SurvivesEveryChangedByteAndEveryLength) {
   }
 }
 
+TEST(Blosc, RefusesNoValues) {
+  const auto chunk = BloscEncoder().Encode({}, 4, Filter::kShuffle);
+  EXPECT_THAT(chunk, FailsWith(absl::StatusCode::kInternal, "0 bytes"));
+  const std::vector<std::byte> header(kBloscHeaderBytes);
+  EXPECT_THAT(BloscDecoder().Decode(header, 4, {}),
+              FailsWith(absl::StatusCode::kDataLoss, "no values"));
+}
+
 TEST(Blosc, RefusesAChunkOfOtherValues) {
   BloscEncoder encoder;
   const Bytes values = Coefficients(512, 2, 30);
