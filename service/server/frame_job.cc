@@ -67,8 +67,9 @@ StatusOr<v1::Frame> RenderJob(const FrameJob& job, int64_t step, uint64_t index,
   frame.index = index;
   if (static_cast<int64_t>(frame.pixels.size()) > wire::kMaxFrameBytes) {
     return ResourceExhausted(
-        "the encoded frame has {} bytes, above the {} that a frame may have; ask for fewer pixels",
-        frame.pixels.size(), wire::kMaxFrameBytes);
+        "the encoded frame has {} bytes, above the {} that a frame may have; ask for {}",
+        frame.pixels.size(), wire::kMaxFrameBytes,
+        frame.encoding == frames::Encoding::kFoveated ? "a lower rate" : "fewer pixels");
   }
   return wire::ToProto(std::move(frame));
 }
