@@ -312,6 +312,7 @@ TEST(FoveatedCodecTest, NamesWhatIsWrong) {
   flipped[20] ^= 1;
   EXPECT_THAT(DecodeFoveated(flipped), fails("checksum"));
   EXPECT_THAT(DecodeFoveated(with(8, "\x0f")), fails("outside its range"));
+  EXPECT_THAT(DecodeFoveated(with(8, "\x04")), fails("leaf value"));  // 2048 where 16 is whole
   EXPECT_THAT(DecodeFoveated(with(11, "\x01")), fails("outside its range"));  // padding
   // The last level, a row shorter: a split pixel's children are not all in it.
   EXPECT_THAT(DecodeFoveated(with(48 + 48 + 24 + 36 + 12, "\x01")), fails("children outside"));
