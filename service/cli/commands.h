@@ -14,7 +14,9 @@
 #include "ingest/ingest.h"
 #include "ingest/sensors/sensor_ingest.h"
 #include "ingest/watch.h"
+#include "service/access/token.h"
 #include "service/cli/values.h"
+#include "service/client/client.h"
 #include "service/frames/plan.h"
 #include "service/frames/spec.h"
 
@@ -32,6 +34,7 @@ struct OutputOptions {
 struct PictureInput {
   std::vector<std::string> inputs;
   std::optional<std::string> server;  // HOST:PORT; inputs[0] is then a dataset's name there
+  client::Credentials credentials;    // for the server
   bool foveated = false;              // the server sends FOVEATED frames, which are expanded here
   ingest::IngestOptions ingest;       // for foreign files; inputs and output not filled in
   std::string cache;                  // empty: the usual place
@@ -58,6 +61,7 @@ struct InfoCommand {
   OutputOptions output;
   std::string dataset;  // may be empty with a server: all of its datasets
   std::optional<std::string> server;
+  client::Credentials credentials;  // for the server
 };
 
 struct StatsCommand {
@@ -159,6 +163,13 @@ struct ServeCommand {
   std::vector<std::string> arguments;
 };
 
+struct TokenCommand {
+  OutputOptions output;
+  std::string file;
+  access::Token token;  // its digest not filled in
+  std::string rights = "read";
+};
+
 struct DoctorCommand {
   OutputOptions output;
   std::optional<std::string> folder;
@@ -172,10 +183,11 @@ struct DemoCommand {
   int threads = 0;
 };
 
-using Command = std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand,
-                             VerifyCommand, RepairCommand, MergeCommand, RetainCommand,
-                             ExtractCommand, PlanCommand, RenderCommand, ExpandCommand,
-                             ExportCommand, BenchCommand, ServeCommand, DoctorCommand, DemoCommand>;
+using Command =
+    std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand, VerifyCommand,
+                 RepairCommand, MergeCommand, RetainCommand, ExtractCommand, PlanCommand,
+                 RenderCommand, ExpandCommand, ExportCommand, BenchCommand, ServeCommand,
+                 TokenCommand, DoctorCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -202,6 +214,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const ExportCommand& command);
 [[nodiscard]] Status Run(const BenchCommand& command);
 [[nodiscard]] Status Run(const ServeCommand& command);
+[[nodiscard]] Status Run(const TokenCommand& command);
 [[nodiscard]] Status Run(const DoctorCommand& command);
 [[nodiscard]] Status Run(const DemoCommand& command);
 

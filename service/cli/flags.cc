@@ -11,6 +11,7 @@ namespace {
 
 constexpr const char* kPictureGroup = "Picture (chosen from the dataset, and printed, if absent)";
 constexpr const char* kForeignGroup = "Foreign files";
+constexpr const char* kServerGroup = "Of --server";
 
 /// A flag whose text `parse` turns into a value for `use`; its errors name the flag.
 template <typename Parse, typename Use>
@@ -183,11 +184,21 @@ void AddThreadsFlag(CLI::App* app, int* threads) {
       ->type_name("N");
 }
 
-void AddServerFlag(CLI::App* app, std::optional<std::string>* server) {
-  app->add_option("--server", *server,
-                  "Ask this server instead of doing the work here; a dataset is then named as the "
-                  "server lists it")
-      ->type_name("HOST:PORT");
+void AddServerFlags(CLI::App* app, std::optional<std::string>* server,
+                    client::Credentials* credentials) {
+  CLI::Option* asked =
+      app->add_option("--server", *server,
+                      "Ask this server instead of doing the work here; a dataset is then named as "
+                      "the server lists it")
+          ->type_name("HOST:PORT");
+  const auto add = [&](const char* name, std::string* path, const char* help) {
+    app->add_option(name, *path, help)->needs(asked)->type_name("FILE")->group(kServerGroup);
+  };
+  add("--tls-ca", &credentials->ca_file,
+      "Encrypt, and trust a server that one of these authorities knows (PEM)");
+  add("--tls-cert", &credentials->cert_file, "This client's certificate, if the server asks (PEM)");
+  add("--tls-key", &credentials->key_file, "The key of --tls-cert (PEM)");
+  add("--token-file", &credentials->token_file, "The token, if the server asks for one");
 }
 
 void AddFieldFlag(CLI::App* app, std::optional<std::string>* field) {
@@ -422,11 +433,12 @@ void AddPictureInput(CLI::App* app, PictureInput* input) {
                   "A dataset (NAME.zarr), or foreign files: names, globs, 'smoke.####.vdb'")
       ->required()
       ->type_name("INPUT...");
-  AddServerFlag(app, &input->server);
+  AddServerFlags(app, &input->server, &input->credentials);
   app->add_flag("--foveated", input->foveated,
                 "With --server: frames come as FOVEATED and are expanded here; the same pictures "
                 "in fewer bytes")
-      ->needs("--server");
+      ->needs("--server")
+      ->group(kServerGroup);
   AddThreadsFlag(app, &input->threads);
   AddForeignFlags(app, &input->ingest);
   app->add_option("--cache", input->cache,

@@ -16,7 +16,9 @@ namespace fovea::cli {
 
 void AddOutputFlags(CLI::App* app, OutputOptions* output);
 void AddThreadsFlag(CLI::App* app, int* threads);
-void AddServerFlag(CLI::App* app, std::optional<std::string>* server);
+/// --server, and how to be let in there.
+void AddServerFlags(CLI::App* app, std::optional<std::string>* server,
+                    client::Credentials* credentials);
 void AddFieldFlag(CLI::App* app, std::optional<std::string>* field);
 void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea, std::optional<Rate>* rate,
                    std::optional<WindowShape>* window);

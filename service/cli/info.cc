@@ -116,8 +116,7 @@ void Print(const client::DatasetSummary& summary) {
                                                 field.max_error, field.tolerance);
     PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}{}, {}{}{}", field.name, field.minimum,
                           field.maximum, field.value_unit.empty() ? "" : " ", field.value_unit,
-                          field.type, error,
-                          field.name == info.default_field ? " (default)" : ""));
+                          field.type, error, field.name == info.default_field ? " (default)" : ""));
   }
   if (summary.default_spec.field) {
     PrintLine(fmt::format("  pictures  {}", PinningFlags(summary.default_spec, dims)));
@@ -132,7 +131,8 @@ Status Run(const InfoCommand& command) {
     FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, LocalSummary(command.dataset));
     summaries.push_back(std::move(summary));
   } else {
-    FOVEA_ASSIGN_OR_RETURN(const auto client, client::Client::Connect(*command.server));
+    FOVEA_ASSIGN_OR_RETURN(const auto client,
+                           client::Client::Connect(*command.server, command.credentials));
     if (command.dataset.empty()) {
       FOVEA_ASSIGN_OR_RETURN(summaries, client->ListDatasets());
     } else {

@@ -106,6 +106,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   Offer(AddExport, &app, &verbs);
   Offer(AddBench, &app, &verbs);
   Offer(AddServe, &app, &verbs);
+  Offer(AddToken, &app, &verbs);
   Offer(AddDoctor, &app, &verbs);
   Offer(AddDemo, &app, &verbs);
   if (const std::string problem = VerbProblem(app, arguments); !problem.empty()) {

@@ -205,7 +205,8 @@ StatusOr<std::string> CacheName(const ingest::IngestOptions& options) {
 StatusOr<std::unique_ptr<exports::FrameProvider>> OpenPictures(const PictureInput& input,
                                                                const OutputOptions& output) {
   if (input.server) {
-    return exports::OpenRemote(*input.server, input.inputs.front(), input.foveated);
+    return exports::OpenRemote(*input.server, input.credentials, input.inputs.front(),
+                               input.foveated);
   }
   const bool dataset = input.inputs.size() == 1 &&
                        (IsDataset(input.inputs.front()) || input.inputs.front().ends_with(".zarr"));

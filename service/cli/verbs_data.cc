@@ -97,7 +97,7 @@ CLI::App* AddInfo(CLI::App* app, InfoCommand* command) {
                            "  fovea info --server 127.0.0.1:50051 smoke --json");
   verb->add_option("dataset", command->dataset, "The dataset's folder, or its name on the server")
       ->type_name("DS.zarr");
-  AddServerFlag(verb, &command->server);
+  AddServerFlags(verb, &command->server, &command->credentials);
   AddOutputFlags(verb, &command->output);
   return verb;
 }

@@ -1,14 +1,15 @@
 #include "service/client/client.h"
 
 #include <random>
+#include <thread>
 #include <utility>
 
-#include <grpcpp/create_channel.h>
-#include <grpcpp/security/credentials.h>
+#include <grpcpp/channel.h>
 
 #include "fovea/v1/datasets.grpc.pb.h"
 #include "fovea/v1/render.grpc.pb.h"
 #include "service/client/call_options.h"
+#include "service/client/channel.h"
 #include "service/client/frame_reader.h"
 #include "service/frames/frames.h"
 #include "service/wire/convert.h"
@@ -25,16 +26,8 @@ std::string RandomId() {
 
 namespace {
 
-std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address) {
-  grpc::ChannelArguments arguments;
-  arguments.SetMaxReceiveMessageSize(wire::kMaxReplyMessageBytes);
-  // Probing lets a slow reader's buffers grow, and frames age in them.
-  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
-  // One connection a client; a proxy from the environment is for web pages.
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
-  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
-}
+/// A client waits this long, at most, where the server says when it will have room again.
+constexpr auto kLongestRetry = std::chrono::seconds(10);
 
 /// What can be known to be wrong before anything is sent.
 Status CheckRequest(int64_t step, const frames::FrameSpec& spec) {
@@ -60,11 +53,12 @@ v1::RenderSequenceRequest ToProto(const SequenceRequest& request) {
 
 class GrpcClient final : public Client {
  public:
-  GrpcClient(const std::string& address, double deadline_seconds)
+  GrpcClient(const std::string& address, std::shared_ptr<grpc::Channel> channel,
+             std::string authorization, double deadline_seconds)
       : address_(address),
         deadline_seconds_(deadline_seconds),
-        session_(RandomId()),
-        channel_(MakeChannel(address)),
+        metadata_{RandomId(), std::move(authorization)},
+        channel_(std::move(channel)),
         datasets_(v1::Datasets::NewStub(channel_)),
         render_(v1::Render::NewStub(channel_)) {}
 
@@ -85,7 +79,7 @@ class GrpcClient final : public Client {
   };
 
   void Prepare(grpc::ClientContext* context) const {
-    context->AddMetadata(kSessionKey, session_);
+    metadata_.AddTo(context);
     context->set_deadline(DeadlineIn(deadline_seconds_));
   }
   [[nodiscard]] Status Explain(const Status& status) const;
@@ -95,7 +89,7 @@ class GrpcClient final : public Client {
 
   const std::string address_;
   const double deadline_seconds_;
-  const std::string session_;
+  const CallMetadata metadata_;
   const std::shared_ptr<grpc::Channel> channel_;
   const std::unique_ptr<v1::Datasets::Stub> datasets_;
   const std::unique_ptr<v1::Render::Stub> render_;
@@ -106,15 +100,12 @@ Status GrpcClient::Explain(const Status& status) const {
   if (status.ok()) {
     return status;
   }
-  std::string message = fmt::format("server {}: {}", address_, MessageOf(status));
+  std::string message =
+      fmt::format("server {}: {}{}", address_, MessageOf(status), wire::DescribeDetails(status));
   if (absl::IsUnavailable(status)) {
     message += "; `fovea serve ROOT` starts a server";
   }
-  Status explained = MakeStatus(status.code(), message);
-  status.ForEachPayload([&](absl::string_view type, const absl::Cord& payload) {
-    explained.SetPayload(type, payload);
-  });
-  return explained;
+  return wire::WithMessage(status, message);
 }
 
 StatusOr<std::vector<DatasetSummary>> GrpcClient::ListDatasets() {
@@ -194,8 +185,14 @@ Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame&
       proto.set_stream_id(RandomId());  // the stream that was lost may not have noticed yet
     }
     const Status status = Stream(proto, on_frame, &progress);
-    if (progress.stopped || !absl::IsUnavailable(status) || progress.next_index == before) {
+    const auto retry = wire::RetryDelayOf(status);
+    const bool above_quota = absl::IsResourceExhausted(status) && retry && *retry <= kLongestRetry;
+    if (progress.stopped || !(absl::IsUnavailable(status) || above_quota) ||
+        progress.next_index == before) {
       return progress.stopped ? absl::OkStatus() : status;
+    }
+    if (above_quota) {
+      std::this_thread::sleep_for(*retry);
     }
     // The rest in the same way as what came, also where defaults have changed since.
     proto.set_start_index(progress.next_index);
@@ -205,7 +202,7 @@ Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame&
 
 Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFrame& on_frame,
                           Progress* progress) {
-  FrameReader reader(*render_, request, session_, deadline_seconds_);
+  FrameReader reader(*render_, request, metadata_, deadline_seconds_);
   v1::Frame proto;
   while (reader.Next(&proto)) {
     FOVEA_ASSIGN_OR_RETURN(frames::Frame frame, Receive(std::move(proto), progress->next_index));
@@ -226,12 +223,16 @@ Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFram
 }  // namespace
 
 StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& address,
+                                                  const Credentials& credentials,
                                                   double deadline_seconds) {
   FOVEA_ASSIGN_OR_RETURN(const wire::HostPort parsed, wire::ParseHostPort(address));
   if (parsed.port == 0) {
     return InvalidArgument("server '{}': the port must be 1 to 65535", address);
   }
-  return std::make_unique<GrpcClient>(parsed.ToString(), deadline_seconds);
+  FOVEA_ASSIGN_OR_RETURN(auto channel, MakeChannel(parsed, credentials));
+  FOVEA_ASSIGN_OR_RETURN(std::string authorization, ReadAuthorization(credentials));
+  return std::make_unique<GrpcClient>(parsed.ToString(), std::move(channel),
+                                      std::move(authorization), deadline_seconds);
 }
 
 }  // namespace fovea::client

@@ -29,16 +29,26 @@ struct SequenceRequest {
   uint32_t window = 2;  // frames ahead of the acknowledgements; 0: none needed
 };
 
+/// How to be let in. Empty paths stand for nothing.
+struct Credentials {
+  std::string ca_file{};    // PEM of the authorities that know the server: calls are then encrypted
+  std::string cert_file{};  // PEM of the client's own certificate, for servers that ask for one
+  std::string key_file{};   // PEM of its key
+  std::string token_file{};  // the token, alone on one line
+};
+
 /// One connection, made by the first call. Errors are the server's, with "server HOST:PORT: " in
 /// front; UNAVAILABLE says how to start one. What comes back is checked: INTERNAL if it cannot be
 /// what the proto promises. A frame of Encoding::kFoveated becomes a picture, the server's byte for
 /// byte, by frames::ExpandFrame. Thread-safe.
 class Client {
  public:
-  /// `address` is HOST:PORT; INVALID_ARGUMENT for anything else. `deadline_seconds` bounds each
+  /// `address` is HOST:PORT; INVALID_ARGUMENT for anything else, and for credentials that do not go
+  /// together or with it; NOT_FOUND for a file that cannot be read. `deadline_seconds` bounds each
   /// unary call, and each wait for the next frame of a stream.
-  [[nodiscard]] static StatusOr<std::unique_ptr<Client>> Connect(const std::string& address,
-                                                                 double deadline_seconds = 60);
+  [[nodiscard]] static StatusOr<std::unique_ptr<Client>> Connect(
+      const std::string& address, const Credentials& credentials = {},
+      double deadline_seconds = 60);
   virtual ~Client() = default;
 
   [[nodiscard]] virtual StatusOr<std::vector<DatasetSummary>> ListDatasets() = 0;
@@ -48,7 +58,8 @@ class Client {
                                                             const frames::FrameSpec& spec) = 0;
   /// Calls `on_frame` for each frame in order and acknowledges it when it returns true; returning
   /// false cancels the stream, and OK is returned. If the connection is lost after a frame came,
-  /// the stream is asked for again from the frame after it.
+  /// the stream is asked for again from the frame after it; likewise if it was above a quota that
+  /// allows it again within ten seconds, once they have passed.
   [[nodiscard]] virtual Status RenderSequence(
       const SequenceRequest& request,
       const std::function<bool(const frames::Frame&)>& on_frame) = 0;

@@ -4,17 +4,15 @@
 
 #include <fmt/format.h>
 
-#include "service/client/call_options.h"
-
 namespace fovea::client {
 
 FrameReader::FrameReader(v1::Render::Stub& stub, const v1::RenderSequenceRequest& request,
-                         const std::string& session, double deadline_seconds)
+                         const CallMetadata& metadata, double deadline_seconds)
     : stub_(stub),
-      session_(session),
+      metadata_(metadata),
       stream_id_(request.stream_id()),
       deadline_seconds_(deadline_seconds) {
-  context_.AddMetadata(kSessionKey, session_);
+  metadata_.AddTo(&context_);
   reader_ = stub_.PrepareAsyncRenderSequence(&context_, request, &queue_);
   reader_->StartCall(this);
   started_ = Wait();
@@ -46,7 +44,7 @@ void FrameReader::Acknowledge(uint64_t index) {
     return;
   }
   acknowledgement_ = std::make_unique<Acknowledgement>();
-  acknowledgement_->context.AddMetadata(kSessionKey, session_);
+  metadata_.AddTo(&acknowledgement_->context);
   acknowledgement_->context.set_deadline(DeadlineIn(deadline_seconds_));
   v1::AcknowledgeRequest request;
   request.set_stream_id(stream_id_);

@@ -11,6 +11,7 @@
 #include <grpcpp/support/async_unary_call.h>
 
 #include "fovea/v1/render.grpc.pb.h"
+#include "service/client/call_options.h"
 
 namespace fovea::client {
 
@@ -21,7 +22,7 @@ namespace fovea::client {
 class FrameReader {
  public:
   FrameReader(v1::Render::Stub& stub, const v1::RenderSequenceRequest& request,
-              const std::string& session, double deadline_seconds);
+              const CallMetadata& metadata, double deadline_seconds);
   ~FrameReader();
   FrameReader(const FrameReader&) = delete;
   FrameReader& operator=(const FrameReader&) = delete;
@@ -48,7 +49,7 @@ class FrameReader {
   void AcknowledgementIsDone();
 
   v1::Render::Stub& stub_;
-  const std::string session_;
+  const CallMetadata metadata_;
   const std::string stream_id_;
   const double deadline_seconds_;
   grpc::ClientContext context_;

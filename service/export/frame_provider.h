@@ -10,6 +10,7 @@
 
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
+#include "service/client/client.h"
 #include "service/frames/spec.h"
 
 namespace fovea::exports {
@@ -47,11 +48,12 @@ class FrameProvider {
 [[nodiscard]] StatusOr<std::unique_ptr<FrameProvider>> OpenLocal(const std::string& path,
                                                                  int threads);
 
-/// Asks the server at `address` ("HOST:PORT"). Steps that follow each other come as one stream.
-/// `foveated`: pictures of 8 bits come as FOVEATED frames and are expanded here, to the same bytes.
-[[nodiscard]] StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(const std::string& address,
-                                                                  const std::string& dataset,
-                                                                  bool foveated = false);
+/// Asks the server at `address` ("HOST:PORT") for `dataset`. Steps that follow each other come as
+/// one stream. `foveated`: pictures of 8 bits come as FOVEATED frames and are expanded here, to the
+/// same bytes.
+[[nodiscard]] StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(
+    const std::string& address, const client::Credentials& credentials, const std::string& dataset,
+    bool foveated = false);
 
 }  // namespace fovea::exports
 

@@ -126,8 +126,9 @@ class RemoteProvider final : public FrameProvider {
 }  // namespace
 
 StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(const std::string& address,
+                                                    const client::Credentials& credentials,
                                                     const std::string& dataset, bool foveated) {
-  FOVEA_ASSIGN_OR_RETURN(auto client, client::Client::Connect(address));
+  FOVEA_ASSIGN_OR_RETURN(auto client, client::Client::Connect(address, credentials));
   FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, client->GetDataset(dataset));
   if (!summary.default_spec.field) {
     return FailedPrecondition("server {}: {} has no committed step yet", address, dataset);

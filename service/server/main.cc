@@ -27,6 +27,8 @@ constexpr char kFooter[] =
     "Examples:\n"
     "  fovead ~/volumes\n"
     "  fovead ~/volumes --listen 127.0.0.1:0 --threads 4\n"
+    "  fovead ~/volumes --listen [::]:50051 --tls-cert me.crt --tls-key me.key --tokens "
+    "tokens.json\n"
     "  fovea render plume --server 127.0.0.1:50051 --step 3 -o frame.png\n\n"
     "Exit status: 0 stopped cleanly, 1 failed, 2 wrong usage.";
 
@@ -63,7 +65,16 @@ void AddFlags(CLI::App& app, Flags* flags) {
       ->check(CLI::Range(0, 86'400))
       ->capture_default_str();
   app.add_flag("--insecure-plaintext", flags->server.insecure_plaintext,
-               "Allow addresses that other machines can reach, unencrypted and without passwords");
+               "Allow addresses that other machines can reach, unencrypted");
+  app.add_option("--tls-cert", flags->server.tls.certificate,
+                 "Serve TLS with this certificate, and those between it and its authority (PEM); "
+                 "read again when it changes")
+      ->type_name("FILE");
+  app.add_option("--tls-key", flags->server.tls.key, "The key of --tls-cert (PEM)")
+      ->type_name("FILE");
+  app.add_option("--tls-client-ca", flags->server.tls.client_ca,
+                 "Ask clients for a certificate of one of these authorities (PEM)")
+      ->type_name("FILE");
   app.add_option("--tokens", flags->server.tokens,
                  "Ask for a bearer token of this file (`fovea token` makes it); read again when it "
                  "changes")

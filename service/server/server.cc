@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <climits>
 #include <mutex>
+#include <optional>
 #include <utility>
+#include <vector>
 
 #include <grpc/support/log.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
@@ -21,6 +23,7 @@
 #include "service/server/listener.h"
 #include "service/server/render_service.h"
 #include "service/server/services.h"
+#include "service/server/tls_credentials.h"
 #include "service/wire/convert.h"
 #include "service/wire/host_port.h"
 
@@ -76,17 +79,21 @@ void SetLimits(grpc::ServerBuilder& builder) {
 
 /// Who can reach a server must be kept out of it in some way.
 Status CheckExposure(bool loopback, const ServerOptions& options) {
+  if (options.tls.given()) {
+    return absl::OkStatus();
+  }
   if (!loopback && !options.tokens.empty()) {
     return InvalidArgument(
         "--tokens: {} can be reached from other machines, and tokens that cross a network in "
-        "plaintext are everyone's; listen on 127.0.0.1 behind a proxy that ends TLS",
+        "plaintext are everyone's; add --tls-cert and --tls-key, or listen on 127.0.0.1 behind a "
+        "proxy that ends TLS",
         options.listen);
   }
   if (!loopback && !options.insecure_plaintext) {
     return InvalidArgument(
-        "{} can be reached from other machines, and this server has neither encryption nor "
-        "passwords: listen on 127.0.0.1 behind a proxy that has, or add --insecure-plaintext if "
-        "everyone on that network may see and do everything",
+        "{} can be reached from other machines: add --tls-cert and --tls-key (and --tokens or "
+        "--tls-client-ca), listen on 127.0.0.1 behind a proxy that ends TLS, or add "
+        "--insecure-plaintext if everyone on that network may see and do everything",
         options.listen);
   }
   return absl::OkStatus();
@@ -101,6 +108,11 @@ ConnectionTable::Limits LimitsOf(const ServerOptions& options) {
                                                : std::min(kDefaultMaxConnections, half),
           .per_address = options.max_connections_per_address};
 }
+
+/// What the files were before they were read first.
+struct SeenFiles {
+  std::vector<FileWatch::Seen> tokens, certificates;
+};
 
 class GrpcServer final : public Server {
  public:
@@ -121,12 +133,17 @@ class GrpcServer final : public Server {
 
   ~GrpcServer() override { Drain(std::chrono::milliseconds(0)); }
 
-  [[nodiscard]] Status Serve(Listener listener, ConnectionTable::Limits limits) {
+  /// With TLS, if there are certificates for it.
+  [[nodiscard]] Status Serve(Listener listener, ConnectionTable::Limits limits,
+                             std::optional<Certificates> certificates) {
+    std::shared_ptr<grpc::ServerCredentials> credentials = grpc::InsecureServerCredentials();
+    if (certificates) {
+      credentials = tls_ = std::make_shared<TlsCredentials>(*std::move(certificates));
+    }
     grpc::ServerBuilder builder;
     SetLimits(builder);
     connections_ = builder.experimental().AddExternalConnectionAcceptor(
-        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD,
-        grpc::InsecureServerCredentials());
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials);
     builder.RegisterService(&datasets_);
     builder.RegisterService(&render_);
     server_ = builder.BuildAndStart();
@@ -146,19 +163,17 @@ class GrpcServer final : public Server {
   }
 
   /// Reads the files of `options` again when they change, from what they were at `seen` on.
-  void Watch(const ServerOptions& options, std::vector<FileWatch::Seen> seen) {
-    if (options.tokens.empty()) {
-      return;
+  void Watch(const ServerOptions& options, SeenFiles seen) {
+    if (!options.tokens.empty()) {
+      token_watch_ = std::make_unique<FileWatch>(std::vector<std::string>{options.tokens},
+                                                 std::move(seen.tokens), options.reload_interval,
+                                                 [this] { ReloadTokens(); });
     }
-    token_watch_ = std::make_unique<FileWatch>(
-        std::vector<std::string>{options.tokens}, std::move(seen), options.reload_interval, [this] {
-          const Status status = services_.gate->Reload();
-          if (status.ok()) {
-            spdlog::info("tokens: {} read", services_.gate->token_count());
-          } else {
-            spdlog::warn("the tokens read before stay in force: {}", MessageOf(status));
-          }
-        });
+    if (tls_ != nullptr) {
+      certificate_watch_ = std::make_unique<FileWatch>(
+          options.tls.Paths(), std::move(seen.certificates), options.reload_interval,
+          [this, files = options.tls] { ReloadCertificates(files); });
+    }
   }
 
   const std::string& address() const override { return address_; }
@@ -182,12 +197,31 @@ class GrpcServer final : public Server {
   }
 
  private:
+  void ReloadTokens() {
+    if (const Status status = services_.gate->Reload(); status.ok()) {
+      spdlog::info("tokens: {} read", services_.gate->token_count());
+    } else {
+      spdlog::warn("the tokens read before stay in force: {}", MessageOf(status));
+    }
+  }
+  void ReloadCertificates(const CertificateFiles& files) {
+    if (auto certificates = LoadCertificates(files); certificates.ok()) {
+      spdlog::info("certificate: {}", certificates->summary);
+      tls_->Replace(*std::move(certificates));
+    } else {
+      spdlog::warn("the certificate read before stays in use: {}",
+                   MessageOf(certificates.status()));
+    }
+  }
+
   Services services_;
   DatasetsService datasets_;
   RenderService render_;
   std::string address_;  // not changed after Serve
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> connections_;  // likewise
-  std::unique_ptr<FileWatch> token_watch_;  // not changed after Watch
+  std::shared_ptr<TlsCredentials> tls_;           // likewise; null: plaintext
+  std::unique_ptr<FileWatch> token_watch_;        // not changed after Watch
+  std::unique_ptr<FileWatch> certificate_watch_;  // likewise
   std::mutex drain_mutex_;
   std::unique_ptr<Acceptor> acceptor_;    // guarded by drain_mutex_ once it runs
   std::unique_ptr<grpc::Server> server_;  // guarded by drain_mutex_ once it runs
@@ -201,11 +235,21 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   FOVEA_ASSIGN_OR_RETURN(auto catalogue, Catalogue::Open(options.root, options.rescan_interval));
   FOVEA_ASSIGN_OR_RETURN(Listener listener, Listen(address));
   FOVEA_RETURN_IF_ERROR(CheckExposure(listener.loopback, options));
-  std::vector<FileWatch::Seen> seen = FileWatch::Look({options.tokens});
+  SeenFiles seen{FileWatch::Look({options.tokens}), FileWatch::Look(options.tls.Paths())};
   FOVEA_ASSIGN_OR_RETURN(auto gate, access::Gate::Open(options.tokens));
+  std::optional<Certificates> certificates;
+  if (options.tls.given()) {
+    FOVEA_ASSIGN_OR_RETURN(certificates, LoadCertificates(options.tls));
+    spdlog::info("certificate: {}", certificates->summary);
+  }
+  if (!listener.loopback && options.tokens.empty() && options.tls.client_ca.empty()) {
+    spdlog::warn("whoever reaches {} may see everything: neither --tokens nor --tls-client-ca",
+                 options.listen);
+  }
   SetUpGrpc();
   auto server = std::make_unique<GrpcServer>(std::move(catalogue), std::move(gate), options);
-  FOVEA_RETURN_IF_ERROR(server->Serve(std::move(listener), LimitsOf(options)));
+  FOVEA_RETURN_IF_ERROR(
+      server->Serve(std::move(listener), LimitsOf(options), std::move(certificates)));
   server->Watch(options, std::move(seen));
   return server;
 }

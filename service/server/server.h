@@ -7,6 +7,7 @@
 #include <string>
 
 #include "engine/base/status.h"
+#include "service/server/certificates.h"
 
 /// The gRPC service over the datasets below one directory.
 namespace fovea::server {
@@ -15,13 +16,14 @@ struct ServerOptions {
   std::string root;                        // holds the datasets
   std::string listen = "127.0.0.1:50051";  // HOST:PORT; port 0: any free one
   bool insecure_plaintext = false;         // allows addresses that other machines can reach
+  CertificateFiles tls;                    // given: TLS, else plaintext
   std::string tokens;                      // file of access::ReadTokenFile; empty: no tokens asked
   int threads = 0;                         // that render; 0: all processors
   int render_queue = 64;                   // frames that may wait to be rendered
   int max_connections = 0;  // 0: 1000, or half of the descriptors the process may open if fewer
   int max_connections_per_address = 250;
   std::chrono::milliseconds rescan_interval{1000};  // between looks for new datasets and steps
-  std::chrono::milliseconds reload_interval{1000};  // between looks at `tokens`
+  std::chrono::milliseconds reload_interval{1000};  // between looks at `tls`, `tokens`
 };
 
 /// A running server. Thread-safe.

@@ -1,91 +1,18 @@
-"""The server under faults from outside: no descriptors left, too many connections."""
+"""The server under faults from outside: no descriptors left, too many connections, bad files."""
 
-import pathlib
-import resource
-import socket
-import subprocess
 import sys
-import time
+import pathlib
 import unittest
 
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "cli"))
-import support  # noqa: E402
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+import fovead  # noqa: E402
+from fovead import eventually, is_open  # noqa: E402
+
+BOTH = ["ball", "lab/ball"]
 
 
-class Fovead:
-    """A `fovea serve` on a free port; killed at the end of the `with`."""
-
-    def __init__(self, root, log, *flags, descriptors=None):
-        def limit():
-            if descriptors:
-                resource.setrlimit(resource.RLIMIT_NOFILE, (descriptors, descriptors))
-        self.log_path = log
-        self.connections = []
-        with open(log, "w", encoding="utf-8") as stderr:
-            self.process = subprocess.Popen(
-                [support.FOVEA, "serve", str(root), "--listen", "127.0.0.1:0", *map(str, flags)],
-                stdout=subprocess.PIPE, stderr=stderr, text=True, preexec_fn=limit)
-        line = self.process.stdout.readline()
-        assert line.startswith("fovead listening on grpc "), self.log()
-        self.address = line.split()[-1]
-        self.port = int(self.address.split(":")[-1])
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        for connection in self.connections:
-            connection.close()
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()
-
-    def log(self):
-        return pathlib.Path(self.log_path).read_text(encoding="utf-8")
-
-    def connect(self, source="127.0.0.1"):
-        """An idle connection from `source`."""
-        connection = socket.socket()
-        self.connections.append(connection)
-        connection.settimeout(10)
-        connection.bind((source, 0))
-        connection.connect(("127.0.0.1", self.port))
-        return connection
-
-
-def eventually(condition, seconds=10):
-    """Waits until `condition()` holds: other processes take their time."""
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            raise AssertionError(f"not within {seconds} s")
-        time.sleep(0.02)
-
-
-def is_open(connection):
-    """Whether the server talks to it: it sends its settings first, or closes."""
-    try:
-        return connection.recv(1) != b""
-    except ConnectionError:
-        return False
-
-
-class Faults(support.FoveaTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.root = cls.folder / "root"
-        cls.root.mkdir()
-        support.write_raw_ball(cls.folder / "ball.raw")
-        cls.fovea(cls(), "ingest", cls.folder / "ball.raw", "--raw", "24x20x18:uint8",
-                  "-o", cls.root / "ball.zarr")
-
-    def serve(self, *flags, **options):
-        return Fovead(self.root, self.folder / "serve.log", *flags, **options)
-
-    def names(self, server, *flags):
-        listed = self.fovea_json("info", "--server", server.address, *flags)["datasets"]
-        return [dataset["name"] for dataset in listed]
+class OutOfDescriptors(fovead.FoveadTest):
+    FLAGS = ("--max-connections", 10000, "--max-connections-per-address", 10000)
 
     def exhaust(self, server):
         """200 connections that say nothing, to a server that may have 64 descriptors; then none."""
@@ -94,18 +21,24 @@ class Faults(support.FoveaTest):
         for connection in idle:
             connection.close()
 
-
-class OutOfDescriptors(Faults):
-    FLAGS = ("--max-connections", 10000, "--max-connections-per-address", 10000)
+    def attack(self, server, *flags):
+        self.exhaust(server)
+        for _ in range(20):
+            self.assertEqual(self.names(server, *flags), BOTH)
 
     def test_plaintext_serves_again(self):
         with self.serve(*self.FLAGS, descriptors=64) as server:
-            self.exhaust(server)
-            for _ in range(20):
-                self.assertEqual(self.names(server), ["ball"])
+            self.attack(server)
+
+    def test_tls_serves_again(self):
+        authority = fovead.make_authority(self.folder, "ca")
+        certificate, key = fovead.make_certificate(self.folder, "server", authority)
+        with self.serve(*self.FLAGS, "--tls-cert", certificate, "--tls-key", key,
+                        descriptors=64) as server:
+            self.attack(server, "--tls-ca", authority)
 
 
-class Connections(Faults):
+class Connections(fovead.FoveadTest):
     def test_an_address_has_its_share(self):
         with self.serve("--max-connections-per-address", 3) as server:
             mine = [server.connect() for _ in range(3)]

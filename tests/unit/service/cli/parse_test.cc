@@ -308,6 +308,50 @@ TEST(Parse, ExportAndTheOthers) {
   EXPECT_EQ(Parsed<DemoCommand>({"demo", "--out", "d", "--steps", "4"}).steps, 4);
 }
 
+TEST(Parse, HowToBeLetInIsForServersOnly) {
+  const std::vector<std::string> flags = {"--tls-ca",  "a", "--tls-cert",   "b",
+                                          "--tls-key", "c", "--token-file", "d"};
+  const auto with = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), flags.begin(), flags.end());
+    return arguments;
+  };
+  for (const client::Credentials& credentials :
+       {Parsed<InfoCommand>(with({"info", "--server", "h:1"})).credentials,
+        Parsed<RenderCommand>(with({"render", "a", "--server", "h:1", "-o", "f.png"}))
+            .input.credentials,
+        Parsed<ExportCommand>(with({"export", "a", "--server", "h:1", "-o", "f.##.png"}))
+            .input.credentials}) {
+    EXPECT_EQ(credentials.ca_file, "a");
+    EXPECT_EQ(credentials.cert_file, "b");
+    EXPECT_EQ(credentials.key_file, "c");
+    EXPECT_EQ(credentials.token_file, "d");
+  }
+  const ParseResult without = ParseCommandLine(with({"info", "a.zarr"}));
+  EXPECT_EQ(without.exit_status, 2);
+  EXPECT_THAT(without.text, HasSubstr("--server"));
+}
+
+TEST(Parse, TokenTakesEveryFlag) {
+  const auto command = Parsed<TokenCommand>(
+      {"token", "lab", "--tokens", "t.json", "--prefix", "a/b", "--rights", "write", "--streams",
+       "3", "--pixels-per-second", "2e7", "--bytes-in-per-second", "5"});
+  EXPECT_EQ(command.file, "t.json");
+  EXPECT_EQ(command.token.name, "lab");
+  EXPECT_EQ(command.token.prefix, "a/b");
+  EXPECT_EQ(command.token.right, access::Right::kWrite);
+  EXPECT_EQ(command.token.quotas, (access::Quotas{3, 2e7, 5}));
+  EXPECT_EQ(Parsed<TokenCommand>({"token", "lab", "--tokens", "t.json"}).token.right,
+            access::Right::kRead);
+  for (const std::vector<std::string>& wrong :
+       std::vector<std::vector<std::string>>{{"token", "lab"},
+                                             {"token", "a b", "--tokens", "t"},
+                                             {"token", "lab", "--tokens", "t", "--prefix", "/a"},
+                                             {"token", "lab", "--tokens", "t", "--rights", "all"},
+                                             {"token", "lab", "--tokens", "t", "--streams", "0"}}) {
+    EXPECT_EQ(ParseCommandLine(wrong).exit_status, 2) << wrong.back();
+  }
+}
+
 TEST(Parse, ServePassesEverythingOn) {
   const auto command = Parsed<ServeCommand>({"serve", "root", "--listen", "127.0.0.1:0", "--help"});
   EXPECT_EQ(command.arguments,

@@ -3,6 +3,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <chrono>
+#include <fstream>
 #include <mutex>
 #include <vector>
 
@@ -10,6 +12,7 @@
 #include <gmock/gmock.h>
 #include <netinet/in.h>
 
+#include "service/access/token_file.h"
 #include "service/frames/foveated_picture.h"
 #include "tests/unit/service/server/server_test_util.h"
 
@@ -126,6 +129,70 @@ TEST_F(ClientTest, ErrorsAreTheServersAndSayWhich) {
   EXPECT_EQ(wire::FieldOf(result.status()), "spec.fovea");
 }
 
+/// A server that asks for tokens, with one of the name "lab" in TokenFile().
+class TokenClientTest : public server::ServerFixture {
+ protected:
+  void SetUp() override {
+    ServerFixture::SetUp();
+    access::Token token;
+    token.name = "lab";
+    token.digest = access::DigestOf("secret");
+    token.quotas.pixels_per_second = 4000;
+    ASSERT_OK(access::WriteTokenFile(folder_.Path("tokens.json"), {token}));
+    std::ofstream(TokenFile()) << " secret\r\n";
+    StartServer(2, 64, folder_.Path("tokens.json"));
+  }
+  [[nodiscard]] std::string TokenFile() const { return folder_.Path("lab.token"); }
+  [[nodiscard]] Credentials Lab() const { return {.token_file = TokenFile()}; }
+};
+
+TEST_F(TokenClientTest, EveryCallCarriesTheToken) {
+  ASSERT_OK_AND_ASSIGN(const auto client, Client::Connect(server_->address(), Lab()));
+  EXPECT_OK(client->ListDatasets().status());
+  EXPECT_OK(client->GetDataset("plume").status());
+  EXPECT_OK(client->RenderFrame("plume", 0, *wire::FromProto(SmallSpec(), "spec")).status());
+  ASSERT_OK_AND_ASSIGN(const auto other, Client::Connect(server_->address()));
+  EXPECT_THAT(other->ListDatasets(), FailsWith(absl::StatusCode::kUnauthenticated, "--token-file"));
+}
+
+TEST_F(TokenClientTest, AStreamAboveItsQuotaGoesOnWhenItMay) {
+  ASSERT_OK_AND_ASSIGN(const auto client, Client::Connect(server_->address(), Lab()));
+  SequenceRequest request;
+  request.dataset = "plume";
+  request.spec = *wire::FromProto(SmallSpec(), "spec");  // 2,304 pixels a frame
+  std::vector<int64_t> steps;
+  const auto begin = std::chrono::steady_clock::now();
+  ASSERT_OK(client->RenderSequence(request, [&](const frames::Frame& frame) {
+    steps.push_back(frame.step);
+    return true;
+  }));
+  EXPECT_THAT(steps, ::testing::ElementsAre(0, 1, 2, 3, 4));
+  // The last may be in debt: four are paid for, at 4,000 a second with 4,000 in hand.
+  EXPECT_GT(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(1300));
+  const auto over = client->RenderFrame("plume", 0, request.spec);
+  EXPECT_THAT(over, FailsWith(absl::StatusCode::kResourceExhausted, "quota of token:lab"));
+  EXPECT_THAT(over, FailsWith(absl::StatusCode::kResourceExhausted, "; try again in "));
+}
+
+TEST_F(TokenClientTest, CredentialsThatDoNotGoTogether) {
+  const auto fails = [](const std::string& address, const Credentials& credentials,
+                        absl::StatusCode code, const char* text) {
+    EXPECT_THAT(Client::Connect(address, credentials).status(), FailsWith(code, text));
+  };
+  const std::string here = "127.0.0.1:1";
+  const std::string file = TokenFile();
+  fails("192.0.2.1:1", Lab(), absl::StatusCode::kInvalidArgument, "plaintext");
+  fails("example.org:1", Lab(), absl::StatusCode::kInvalidArgument, "plaintext");
+  fails(here, {.ca_file = file, .cert_file = file}, absl::StatusCode::kInvalidArgument, "both");
+  fails(here, {.cert_file = file, .key_file = file}, absl::StatusCode::kInvalidArgument,
+        "--tls-ca");
+  fails(here, {.ca_file = file}, absl::StatusCode::kInvalidArgument, "no certificate");
+  fails(here, {.ca_file = "none"}, absl::StatusCode::kNotFound, "--tls-ca");
+  fails(here, {.token_file = "none"}, absl::StatusCode::kNotFound, "--token-file");
+  std::ofstream(file) << "two words";
+  fails(here, Lab(), absl::StatusCode::kInvalidArgument, "--token-file");
+}
+
 TEST_F(ClientTest, WhatIsWrongBeforehandIsNotSent) {
   frames::FrameSpec bad;
   bad.width_px = int64_t{1} << 40;
@@ -183,7 +250,7 @@ TEST(ClientErrorTest, NobodyListens) {
 
 TEST(ClientErrorTest, NobodyAnswers) {
   const SilentSocket socket(true);
-  ASSERT_OK_AND_ASSIGN(const auto client, Client::Connect(socket.address(), 0.2));
+  ASSERT_OK_AND_ASSIGN(const auto client, Client::Connect(socket.address(), {}, 0.2));
   EXPECT_THAT(client->GetDataset("plume"),
               FailsWith(absl::StatusCode::kDeadlineExceeded, socket.address()));
   SequenceRequest request;
