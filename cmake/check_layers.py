@@ -22,7 +22,7 @@ ALLOWED = {
     "service/frames": ["engine"],
     "service/wire": ["engine", "service/frames", "proto"],
     "service/access": ["engine", "service/wire"],
-    "service/server": ["engine", "service/frames", "service/wire", "service/access", "proto"],
+    "service/server": ["engine", "ingest", "service/frames", "service/wire", "service/access", "proto"],
     "service/client": ["engine", "service/frames", "service/wire", "proto"],
     "service/export": ["engine", "ingest", "service/frames", "service/client"],
     "service/cli": ["engine", "ingest", "service"],

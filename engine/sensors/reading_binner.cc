@@ -116,6 +116,7 @@ Status ReadingBinner::Add(std::span<const Reading> readings, std::span<const flo
     return InvalidArgument("{} values for {} readings of {} channels", values.size(),
                            readings.size(), options_.channels);
   }
+  ++calls_;
   const float* of_reading = values.data();
   for (const Reading& reading : readings) {
     ++counts_.read;
@@ -129,7 +130,12 @@ Status ReadingBinner::Add(std::span<const Reading> readings, std::span<const flo
 }
 
 int64_t ReadingBinner::WindowOf(double time_s) const {
-  const double window = std::floor((time_s - options_.steps.start_s) / *options_.steps.window_s);
+  const StepRule& rule = options_.steps;
+  const double place = (time_s - rule.start_s) / *rule.window_s;
+  // What is meant to stand on a border does, though 0.3 / 0.1 is less than 3.
+  const double rounding = 4 * std::numeric_limits<double>::epsilon() *
+                          (std::abs(time_s) + std::abs(rule.start_s)) / *rule.window_s;
+  const double window = std::floor(place + std::min(rounding, 0.25));
   return static_cast<int64_t>(std::clamp(window, -9e18, 9e18));
 }
 
@@ -179,7 +185,7 @@ Status ReadingBinner::Put(int64_t step, uint64_t key, const Reading& reading, co
   if (current_ == nullptr || current_step_ != step) {
     const auto [entry, is_new] =
         open_.try_emplace(step, OpenStep{StepBuffer(options_.channels, options_.duplicates),
-                                         reading.time_s, reading.time_s});
+                                         reading.time_s, reading.time_s, calls_ - 1});
     current_ = &entry->second;
     current_step_ = step;
   }
@@ -256,6 +262,18 @@ Status ReadingBinner::Close(std::map<int64_t, OpenStep>::iterator step, int64_t 
     }
   }
   return status;
+}
+
+Status ReadingBinner::CloseBefore(double time_s) {
+  return IsTime(time_s) ? CloseWindowsBefore(WindowOf(time_s)) : absl::OkStatus();
+}
+
+int64_t ReadingBinner::SettledCalls() const {
+  int64_t settled = calls_;
+  for (const auto& [step, open] : open_) {
+    settled = std::min(settled, open.first_call);
+  }
+  return settled;
 }
 
 Status ReadingBinner::Finish() {

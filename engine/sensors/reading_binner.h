@@ -102,15 +102,21 @@ class ReadingBinner {
   /// FAILED_PRECONDITION for an empty window (OnEmpty::kError); RESOURCE_EXHAUSTED for more than
   /// most_pending. After an error the binner is of no more use than for its counts.
   [[nodiscard]] Status Add(std::span<const Reading> readings, std::span<const float> values);
+  /// Closes the windows that end at or before `time_s`, whatever the watermark: no more readings of
+  /// that time will come. Only by window. Errors as of Add.
+  [[nodiscard]] Status CloseBefore(double time_s);
   /// Closes every open step: there will be no more readings.
   [[nodiscard]] Status Finish();
 
   [[nodiscard]] const ReadingCounts& counts() const { return counts_; }
+  /// How many calls of Add, from the first, have all their readings in closed steps, or left out.
+  [[nodiscard]] int64_t SettledCalls() const;
 
  private:
   struct OpenStep {
     StepBuffer buffer;
     double first_s, last_s;  // times of its readings
+    int64_t first_call;      // of Add, the earliest that put a reading into it; from 0
   };
 
   ReadingBinner(const BinnerOptions& options, OnStep on_step)
@@ -129,6 +135,7 @@ class ReadingBinner {
   BinnerOptions options_;
   OnStep on_step_;
   ReadingCounts counts_;
+  int64_t calls_ = 0;  // of Add
   std::map<int64_t, OpenStep> open_;
   double newest_s_ = -std::numeric_limits<double>::infinity();
   OpenStep* current_ = nullptr;  // where the last reading went; null after any step closed

@@ -1,7 +1,5 @@
 #include "ingest/sensors/sensor_ingest.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -11,9 +9,9 @@
 #include <utility>
 
 #include "engine/base/stopwatch.h"
-#include "engine/store/dataset_writer.h"
 #include "ingest/grid_choice.h"
 #include "ingest/sensors/reading_stream.h"
+#include "ingest/sensors/sensor_store.h"
 #include "ingest/sensors/voxel_box.h"
 
 namespace fovea::ingest {
@@ -21,21 +19,6 @@ namespace {
 
 using sensors::ClosedStep;
 using Progress = std::function<bool(const SensorProgress&)>;
-
-constexpr int64_t kDetailBands = 7;
-
-/// A field that is 0 everywhere: the coverage of a step that repeats the one before.
-sensors::FilledField ZeroField(const Hierarchy& hierarchy, int64_t brick_edge) {
-  sensors::FilledField field;
-  field.coefficients.hierarchy = hierarchy;
-  field.coefficients.coarse = Grid(Box3::OfSize(hierarchy.DimsAt(0)));
-  for (int level = 0; level < hierarchy.finest(); ++level) {
-    field.coefficients.detail.emplace_back(hierarchy.DimsAt(level), brick_edge,
-                                           static_cast<int>(kDetailBands), 0.0F);
-  }
-  field.stats.histogram[0] = static_cast<uint64_t>(hierarchy.dims().Product());
-  return field;
-}
 
 class SensorRun {
  public:
@@ -64,13 +47,17 @@ class SensorRun {
     report_.bad_lines = state_.bad.count;
     report_.first_bad_line = state_.bad.first;
     report_.input_bytes = state_.bytes;
+    if (store_ != nullptr) {
+      report_.fill_ms = store_->fill_ms();
+      report_.write_ms = store_->write_ms();
+    }
     report_.bin_ms -= report_.fill_ms + report_.write_ms;  // steps close inside
     return std::move(report_);
   }
 
   /// Removes the store that this run made.
   void Discard() {
-    writer_.reset();
+    store_.reset();
     if (made_store_) {
       std::error_code ignored;
       std::filesystem::remove_all(options_.output, ignored);
@@ -94,9 +81,6 @@ class SensorRun {
   Status NameFields();
   Status CreateStore();
   Status CommitStep(const ClosedStep& step);
-  Status WriteFields(const ClosedStep& step);
-  Status WriteOne(const std::string& name, const sensors::FilledField& field);
-  Status CheckBricks(const ClosedStep& step) const;
   void NoteDensity(const ClosedStep& step);
 
   const SensorOptions& options_;
@@ -104,9 +88,8 @@ class SensorRun {
   std::vector<std::string> inputs_;
   StreamState state_;
   std::optional<sensors::ReadingBinner> binner_;
-  std::unique_ptr<store::DatasetWriter> writer_;
+  std::unique_ptr<SensorStore> store_;
   bool made_store_ = false;
-  std::optional<int64_t> last_time_ns_, last_frame_;
   SensorReport report_;
 };
 
@@ -188,37 +171,13 @@ Status SensorRun::ChooseGrid() {
 }
 
 Status SensorRun::OpenExisting() {
-  FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Append(options_.output));
-  const store::DatasetInfo& info = writer_->info();
-  const StatusOr<sensors::VoxelGrid> grid = VoxelsOfStore(info.hierarchy, info.index_to_world);
-  if (!grid.ok()) {
-    return Annotate(grid.status(), fmt::format("'{}'", options_.output));
-  }
-  report_.grid = *grid;
-  std::vector<std::string> fields;
-  bool has_coverage = false;
-  for (const store::FieldInfo& field : info.fields) {
-    has_coverage = has_coverage || field.name == kCoverageField;
-    if (field.name != kCoverageField) {
-      fields.push_back(field.name);
-    }
-    if (field.type != "float32" || info.wavelet != "haar") {
-      return FailedPrecondition("'{}' holds {} {} coefficients: readings become haar float32",
-                                options_.output, info.wavelet, field.type);
-    }
-  }
-  if (!has_coverage || std::ssize(fields) != channels()) {
+  FOVEA_ASSIGN_OR_RETURN(store_, SensorStore::Append(options_.output));
+  report_.grid = store_->grid();
+  report_.fields = store_->fields();
+  if (std::ssize(report_.fields) != channels()) {
     return FailedPrecondition(
-        "'{}' has {} fields and {} coverage: to add readings of {} values it must have been made "
-        "of such (fovea sensors)",
-        options_.output, fields.size(), has_coverage ? "a" : "no", channels());
-  }
-  report_.fields = fields;
-  const int64_t steps = info.committed_steps;
-  if (steps > 0) {
-    FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(options_.output));
-    FOVEA_ASSIGN_OR_RETURN(last_time_ns_, dataset->TimeNs(steps - 1));
-    FOVEA_ASSIGN_OR_RETURN(last_frame_, dataset->FrameNumber(steps - 1));
+        "'{}' was made of readings of {} values, and these have {}: --columns says which",
+        options_.output, report_.fields.size(), channels());
   }
   return absl::OkStatus();
 }
@@ -231,19 +190,10 @@ Status SensorRun::StartBinner() {
   binner.greatest_value = options_.greatest_value;
   binner.duplicates = options_.duplicates;
   binner.steps = options_.steps;
-  if (options_.steps_by == StepsBy::kWindow && last_time_ns_) {
-    // The window behind the last one that is stored; half of one more against rounding.
-    binner.steps.first_window =
-        static_cast<int64_t>(
-            std::floor((static_cast<double>(*last_time_ns_) / 1e9 - binner.steps.start_s) /
-                           *binner.steps.window_s +
-                       0.5)) +
-        1;
+  if (options_.steps_by == StepsBy::kWindow && store_ != nullptr) {
+    binner.steps.first_window = store_->NextWindow(binner.steps.start_s, *binner.steps.window_s);
   }
-  const double memory =
-      static_cast<double>(::sysconf(_SC_PHYS_PAGES)) * static_cast<double>(::sysconf(_SC_PAGESIZE));
-  binner.most_pending = std::min<int64_t>(
-      int64_t{1} << 31, static_cast<int64_t>(memory / 4) / (48 + 8 * binner.channels));
+  binner.most_pending = MostPendingReadings(binner.channels);
   FOVEA_ASSIGN_OR_RETURN(binner_, sensors::ReadingBinner::Make(binner, [this](const ClosedStep& s) {
                            return CommitStep(s);
                          }));
@@ -252,7 +202,8 @@ Status SensorRun::StartBinner() {
 
 Status SensorRun::Read() {
   Stopwatch watch;
-  const int64_t first_file_step = last_frame_.value_or(-1) + 1;
+  const int64_t first_file_step =
+      (store_ != nullptr ? store_->last_frame_number().value_or(-1) : -1) + 1;
   const auto on_block = [&](size_t index, ReadingBlock* block) {
     report_.read_ms += watch.RestartMs();
     if (options_.steps_by == StepsBy::kFile) {
@@ -305,64 +256,15 @@ Status SensorRun::NameFields() {
 /// Late, when there is a step to be written: what fails at once leaves nothing.
 Status SensorRun::CreateStore() {
   FOVEA_RETURN_IF_ERROR(NameFields());
-  store::DatasetInfo info;
-  info.hierarchy = report_.grid.hierarchy;
-  info.index_to_world = report_.grid.IndexToWorld();
-  info.world_unit = options_.world_unit;
-  info.clock = options_.clock;
-  info.chunk_edge = options_.chunk_edge;
-  info.default_field = report_.fields.front();
-  for (const std::string& name : report_.fields) {
-    store::FieldInfo& field = info.fields.emplace_back();
-    field.name = name;
-    field.value_unit = options_.value_unit;
-  }
-  info.fields.emplace_back().name = kCoverageField;
-  FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, info));
+  FOVEA_ASSIGN_OR_RETURN(store_,
+                         SensorStore::Create(options_.output, {.grid = report_.grid,
+                                                               .fields = report_.fields,
+                                                               .world_unit = options_.world_unit,
+                                                               .value_unit = options_.value_unit,
+                                                               .clock = options_.clock,
+                                                               .chunk_edge = options_.chunk_edge}));
   made_store_ = true;
   return absl::OkStatus();
-}
-
-Status SensorRun::CheckBricks(const ClosedStep& step) const {
-  const int64_t edge = writer_->info().chunk_edge;
-  const double need =
-      static_cast<double>(sensors::CountBricks(report_.grid.hierarchy, edge, step.voxels.keys) *
-                          kDetailBands * edge * edge * edge * static_cast<int64_t>(sizeof(float)));
-  const double have =
-      static_cast<double>(::sysconf(_SC_PHYS_PAGES)) * static_cast<double>(::sysconf(_SC_PAGESIZE));
-  if (need > have / 4) {
-    return ResourceExhausted(
-        "{} voxels with readings lie so far apart that a step needs {:.1f} GB, more than a quarter "
-        "of this machine's memory: make voxels larger (--voxel), or chunks smaller (--chunk 8)",
-        step.voxels.keys.size(), need / 1e9);
-  }
-  return absl::OkStatus();
-}
-
-Status SensorRun::WriteOne(const std::string& name, const sensors::FilledField& field) {
-  const Stopwatch watch;
-  const Status status = writer_->WriteField(name, field.coefficients, field.stats);
-  report_.write_ms += watch.ElapsedMs();
-  return status;
-}
-
-Status SensorRun::WriteFields(const ClosedStep& step) {
-  const Hierarchy& hierarchy = report_.grid.hierarchy;
-  const int64_t edge = writer_->info().chunk_edge;
-  Stopwatch watch;
-  for (size_t channel = 0; channel < report_.fields.size(); ++channel) {
-    watch.RestartMs();
-    const sensors::FilledField field = sensors::FillField(
-        hierarchy, edge, step.voxels.keys, step.voxels.values[channel], options_.fill);
-    report_.fill_ms += watch.ElapsedMs();
-    FOVEA_RETURN_IF_ERROR(WriteOne(report_.fields[channel], field));
-  }
-  watch.RestartMs();
-  const sensors::FilledField coverage =
-      step.held ? ZeroField(hierarchy, edge)
-                : sensors::FillCoverage(hierarchy, edge, step.voxels.keys, options_.fill);
-  report_.fill_ms += watch.ElapsedMs();
-  return WriteOne(kCoverageField, coverage);
 }
 
 void SensorRun::NoteDensity(const ClosedStep& step) {
@@ -373,18 +275,11 @@ void SensorRun::NoteDensity(const ClosedStep& step) {
 }
 
 Status SensorRun::CommitStep(const ClosedStep& step) {
-  if (writer_ == nullptr) {
-    const Stopwatch watch;
+  if (store_ == nullptr) {
     FOVEA_RETURN_IF_ERROR(CreateStore());
-    report_.write_ms += watch.ElapsedMs();
   }
-  FOVEA_RETURN_IF_ERROR(CheckBricks(step));
-  FOVEA_RETURN_IF_ERROR(WriteFields(step));
-  const int64_t time_ns = std::max(step.time_ns, last_time_ns_.value_or(step.time_ns));
-  const Stopwatch watch;
-  FOVEA_RETURN_IF_ERROR(writer_->Commit(time_ns, step.frame_number));
-  report_.write_ms += watch.ElapsedMs();
-  last_time_ns_ = time_ns;
+  FOVEA_RETURN_IF_ERROR(store_->Write(step, options_.fill));
+  FOVEA_RETURN_IF_ERROR(store_->Publish());
   ++report_.steps;
   NoteDensity(step);
   return absl::OkStatus();

@@ -14,12 +14,10 @@
 #include "engine/sensors/pull_push.h"
 #include "engine/sensors/reading_binner.h"
 #include "ingest/sensors/reading_parser.h"
+#include "ingest/sensors/sensor_store.h"
 
 /// Files and streams of sensor readings to a coefficient store (docs/sensors.md).
 namespace fovea::ingest {
-
-/// The field that says where values were measured.
-inline constexpr const char* kCoverageField = "coverage";
 
 /// The box of the voxels and their sizes, in world units; what is absent follows from the others
 /// and from the readings.

@@ -33,6 +33,12 @@ StatusOr<Admission> Admit(Services& services, const grpc::CallbackServerContext&
     return NoDataset(ask.dataset);
   }
   FOVEA_RETURN_IF_ERROR(caller.Check(ask.right));
+  if (ask.right == access::Right::kWrite && !services.writable) {
+    return MakeStatus(
+        absl::StatusCode::kPermissionDenied,
+        "this server changes no datasets; it must be started with --allow-ingest (then everyone "
+        "may write), or with --tokens");
+  }
   FOVEA_RETURN_IF_ERROR(caller.TakeBytesIn(ask.bytes_in));
   if (ask.stream) {
     FOVEA_ASSIGN_OR_RETURN(admission.stream, access::Caller::OpenStream(admission.caller));

@@ -33,9 +33,9 @@ struct Admission {
 
 /// The one way into every method of fovea.v1, before anything else is done. UNAVAILABLE while the
 /// server drains; UNAUTHENTICATED without a token that it knows, if it asks for tokens;
-/// PERMISSION_DENIED without the right; NOT_FOUND, as if it were not there, for a dataset outside
-/// the token's prefix; RESOURCE_EXHAUSTED above a quota. Does not wait. Pixels are taken later,
-/// when they are known: `caller->TakePixels`. Thread-safe.
+/// PERMISSION_DENIED without the right, or where nobody may write; NOT_FOUND, as if it were not
+/// there, for a dataset outside the token's prefix; RESOURCE_EXHAUSTED above a quota. Does not
+/// wait. Pixels are taken later, when they are known: `caller->TakePixels`. Thread-safe.
 [[nodiscard]] StatusOr<Admission> Admit(Services& services,
                                         const grpc::CallbackServerContext& context, const Ask& ask);
 

@@ -9,6 +9,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "service/wire/readings.h"
 #include "service/wire/status.h"
 
 namespace fovea::server {
@@ -196,20 +197,46 @@ StatusOr<Catalogue::Entry> Catalogue::Lookup(const std::string& name) const {
 }
 
 StatusOr<std::shared_ptr<ServedDataset>> Catalogue::Find(const std::string& name) {
+  return FindEntry(name, false);
+}
+
+StatusOr<std::shared_ptr<ServedDataset>> Catalogue::FindNow(const std::string& name) {
+  return FindEntry(name, true);
+}
+
+StatusOr<std::shared_ptr<ServedDataset>> Catalogue::FindEntry(const std::string& name, bool now) {
   auto entry = Lookup(name);
-  const auto usable = [&entry] {
+  const auto usable = [&entry, now] {
     return entry.ok() && entry->dataset != nullptr &&
-           entry->identity == IdentityOf(entry->identity.path) && entry->dataset->Refresh().ok();
+           entry->identity == IdentityOf(entry->identity.path) && entry->dataset->Refresh(now).ok();
   };
   if (!usable()) {
     // New, gone, repaired or replaced: the disk knows.
-    Rescan(false);
+    Rescan(now);
     entry = Lookup(name);
   }
   FOVEA_RETURN_IF_ERROR(entry.status());
   FOVEA_RETURN_IF_ERROR(Annotate(entry->error, fmt::format("dataset '{}'", name)));
-  FOVEA_RETURN_IF_ERROR(Annotate(entry->dataset->Refresh(), fmt::format("dataset '{}'", name)));
+  FOVEA_RETURN_IF_ERROR(
+      Annotate(entry->dataset->Refresh(false), fmt::format("dataset '{}'", name)));
   return entry->dataset;
+}
+
+StatusOr<std::string> Catalogue::PathOfNew(const std::string& name) const {
+  if (!wire::IsNewDatasetName(name)) {
+    return InvalidArgument("'{}' cannot be the name of a dataset", wire::Printable(name));
+  }
+  const fs::path path = fs::path(root_) / (name + std::string(kSuffix));
+  std::error_code error;
+  const fs::path folder = fs::weakly_canonical(path.parent_path(), error);
+  if (error || !IsBelow(folder, root_)) {
+    return FailedPrecondition("dataset '{}' cannot be made: that is outside of the root", name);
+  }
+  fs::create_directories(folder, error);
+  if (error) {
+    return FailedPrecondition("dataset '{}' cannot be made: {}", name, error.message());
+  }
+  return (folder / path.filename()).string();
 }
 
 Catalogue::Page Catalogue::List(const std::string& after, size_t limit,
@@ -230,7 +257,7 @@ Catalogue::Page Catalogue::List(const std::string& after, size_t limit,
   }
   // One that cannot be refreshed is shown as it was: the next call for it says what is wrong.
   for (const auto& dataset : page.datasets) {
-    if (const Status status = dataset->Refresh(); !status.ok()) {
+    if (const Status status = dataset->Refresh(false); !status.ok()) {
       spdlog::warn("dataset '{}': {}", dataset->name(), MessageOf(status));
     }
   }

@@ -19,8 +19,9 @@ namespace fovea::server {
 
 /// The datasets below one directory: every NAME.zarr, at most kMaxDepth directories down. The name
 /// of a dataset is its path below the root without ".zarr". Names from outside are looked up here
-/// and never joined to a path, so there is nothing that a `..` could do. Symbolic links that leave
-/// the root are not followed. Calls may read the disk: not for gRPC's threads. Thread-safe.
+/// and never joined to a path, so there is nothing that a `..` could do; PathOfNew alone makes one,
+/// of parts that cannot be `..`. Symbolic links that leave the root are not followed. Calls may
+/// read the disk: not for gRPC's threads. Thread-safe.
 class Catalogue {
  public:
   static constexpr int kMaxDepth = 16;
@@ -34,6 +35,13 @@ class Catalogue {
   /// The dataset of this name, with its newest steps. A name that is not known makes the catalogue
   /// look at the disk again. NOT_FOUND; or why its store cannot be opened.
   [[nodiscard]] StatusOr<std::shared_ptr<ServedDataset>> Find(const std::string& name);
+
+  /// The same, as the disk is now, however lately it was looked at.
+  [[nodiscard]] StatusOr<std::shared_ptr<ServedDataset>> FindNow(const std::string& name);
+
+  /// Where a dataset of this name belongs that is not there yet, its folders made. INVALID_ARGUMENT
+  /// unless wire::IsNewDatasetName; FAILED_PRECONDITION if that is outside of the root, by a link.
+  [[nodiscard]] StatusOr<std::string> PathOfNew(const std::string& name) const;
 
   struct Page {
     std::vector<std::shared_ptr<ServedDataset>> datasets;  // by name
@@ -67,6 +75,8 @@ class Catalogue {
       : root_(std::move(root)), rescan_interval_(rescan_interval) {}
 
   [[nodiscard]] static Identity IdentityOf(const std::string& path);
+  [[nodiscard]] StatusOr<std::shared_ptr<ServedDataset>> FindEntry(const std::string& name,
+                                                                   bool now);
   void Rescan(bool always);
   [[nodiscard]] Entry OpenEntry(const std::string& name, const Identity& identity,
                                 const Entry* before) const;

@@ -1,13 +1,17 @@
 #include "service/server/datasets_service.h"
 
+#include <memory>
 #include <string>
 #include <utility>
 
 #include <spdlog/spdlog.h>
 
+#include "service/server/admission.h"
 #include "service/server/unary_call.h"
+#include "service/server/watch_stream.h"
 #include "service/wire/convert.h"
 #include "service/wire/requests.h"
+#include "service/wire/status.h"
 
 namespace fovea::server {
 namespace {
@@ -36,6 +40,38 @@ StatusOr<v1::Dataset> Get(Catalogue& catalogue, const std::string& name) {
   FOVEA_ASSIGN_OR_RETURN(const wire::DatasetSummary summary, dataset->Summary(true));
   return wire::ToProto(summary);
 }
+
+/// A WatchStream on gRPC. Deletes itself when gRPC is done with it; the stream lives on for as long
+/// as jobs of it do.
+class WatchReactor final : public grpc::ServerWriteReactor<v1::DatasetEvent>, public EventSink {
+ public:
+  WatchReactor(Services& services, const grpc::CallbackServerContext& context,
+               const v1::WatchDatasetRequest& request)
+      : stream_(std::make_shared<WatchStream>(services, *this)) {
+    auto admission = Admit(services, context,
+                           {.dataset = request.dataset(),
+                            .bytes_in = static_cast<int64_t>(request.ByteSizeLong()),
+                            .stream = true});
+    if (!admission.ok()) {
+      stream_->Start(admission.status(), nullptr);
+      return;
+    }
+    admission_ = *std::move(admission);
+    stream_->Start(wire::FromProto(request), admission_.caller);
+  }
+
+  void Write(const v1::DatasetEvent& event) override { StartWrite(&event); }
+  void Finish(const Status& status) override {
+    grpc::ServerWriteReactor<v1::DatasetEvent>::Finish(wire::ToGrpc(status));
+  }
+  void OnWriteDone(bool ok) override { stream_->OnWriteDone(ok); }
+  void OnCancel() override { stream_->OnCancel(); }
+  void OnDone() override { delete this; }
+
+ private:
+  Admission admission_;
+  const std::shared_ptr<WatchStream> stream_;
+};
 
 }  // namespace
 
@@ -73,6 +109,11 @@ grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContex
                   call->Complete(Get(*services.catalogue, name));
                 });
   return call.get();
+}
+
+grpc::ServerWriteReactor<v1::DatasetEvent>* DatasetsService::WatchDataset(
+    grpc::CallbackServerContext* context, const v1::WatchDatasetRequest* request) {
+  return new WatchReactor(services_, *context, *request);  // deletes itself
 }
 
 }  // namespace fovea::server

@@ -21,7 +21,8 @@ constexpr int kExitFailed = 1;
 constexpr int kExitUsage = 2;
 
 constexpr char kFooter[] =
-    "Serves fovea.v1 (Datasets, Render), grpc.health.v1 and reflection over every NAME.zarr below\n"
+    "Serves fovea.v1 (Datasets, Ingest, Render), grpc.health.v1 and reflection over every "
+    "NAME.zarr below\n"
     "ROOT. The first line on stdout is 'fovead listening on grpc ADDR:PORT'; the log goes to\n"
     "stderr. SIGTERM or Ctrl-C: no new calls, running ones finish; a second one stops at once.\n\n"
     "Examples:\n"
@@ -75,6 +76,10 @@ void AddFlags(CLI::App& app, Flags* flags) {
   app.add_option("--tls-client-ca", flags->server.tls.client_ca,
                  "Ask clients for a certificate of one of these authorities (PEM)")
       ->type_name("FILE");
+  app.add_flag(
+      "--allow-ingest", flags->server.allow_ingest,
+      "Let everyone who reaches the port write readings into datasets; with --tokens, their "
+      "rights alone decide");
   app.add_option("--tokens", flags->server.tokens,
                  "Ask for a bearer token of this file (`fovea token` makes it); read again when it "
                  "changes")
@@ -119,6 +124,7 @@ void StopAtOnceOn(const sigset_t& stop) {
 int Serve(const Flags& flags) {
   const sigset_t stop = BlockStopSignals();
   signal(SIGPIPE, SIG_IGN);
+  signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of its write
   RaiseDescriptorLimit();
   auto server = Server::Start(flags.server);
   if (!server.ok()) {

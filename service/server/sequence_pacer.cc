@@ -9,8 +9,26 @@ namespace fovea::server {
 
 SequencePacer::Actions SequencePacer::OnOpened(int64_t first_index, int64_t end_index) {
   opening_ = false;
-  next_ = sent_ = acknowledged_ = first_index;
+  next_ = sent_ = first_index;
   end_ = end_index;
+  return Advance();
+}
+
+SequencePacer::Actions SequencePacer::OnOpenedToFollow(int64_t first_index, int64_t end_index) {
+  follow_ = true;
+  follow_from_ = end_index;
+  return OnOpened(first_index, end_index);
+}
+
+SequencePacer::Actions SequencePacer::OnGrown(int64_t end_index) {
+  end_ = std::max(end_, end_index);
+  return Advance();
+}
+
+SequencePacer::Actions SequencePacer::OnBroken(Status error) {
+  if (error_.ok()) {
+    error_ = std::move(error);
+  }
   return Advance();
 }
 
@@ -23,7 +41,9 @@ SequencePacer::Actions SequencePacer::OnOpenFailed(Status error) {
 SequencePacer::Actions SequencePacer::OnRendered(Status outcome) {
   rendering_ = false;
   ready_ = outcome.ok();
-  error_ = std::move(outcome);
+  if (error_.ok()) {
+    error_ = std::move(outcome);
+  }
   return Advance();
 }
 
@@ -38,7 +58,9 @@ StatusOr<SequencePacer::Actions> SequencePacer::OnAcknowledged(uint64_t index) {
     return wire::BadField(
         "index", fmt::format("{} is not sent yet: the frames before {} are", index, sent_));
   }
-  acknowledged_ = std::max(acknowledged_, static_cast<int64_t>(index) + 1);
+  while (!unacknowledged_.empty() && unacknowledged_.front() <= static_cast<int64_t>(index)) {
+    unacknowledged_.pop_front();
+  }
   return Advance();
 }
 
@@ -70,14 +92,22 @@ SequencePacer::Actions SequencePacer::Advance() {
   if (ready_ && !writing_) {
     ready_ = false;
     writing_ = true;
-    ++sent_;
+    sent_ = ready_index_ + 1;
     actions.write = true;
   }
   if (!rendering_ && !ready_ && error_.ok() && next_ < end_ && WindowIsOpen()) {
     rendering_ = true;
+    if (next_ >= follow_from_ && follow_) {
+      next_ = end_ - 1;
+    }
+    if (window_ > 0) {
+      unacknowledged_.push_back(next_);
+    }
+    ready_index_ = next_;
     actions.render = next_++;
   }
-  if (!rendering_ && !ready_ && !writing_ && (!error_.ok() || next_ == end_)) {
+  const bool complete = next_ >= end_ && !follow_;
+  if (!rendering_ && !ready_ && !writing_ && (!error_.ok() || complete)) {
     return Finish(error_);
   }
   return actions;

@@ -37,9 +37,25 @@ void SequenceStream::Open() {
     }
   }
   const Status status = Prepare();
+  const auto first = static_cast<int64_t>(request_.start_index);
   Handle([&](SequencePacer& pacer) {
-    return status.ok() ? pacer.OnOpened(static_cast<int64_t>(request_.start_index), series_.count)
-                       : pacer.OnOpenFailed(status);
+    return !status.ok()      ? pacer.OnOpenFailed(status)
+           : request_.follow ? pacer.OnOpenedToFollow(first, series_.count)
+                             : pacer.OnOpened(first, series_.count);
+  });
+  if (status.ok() && request_.follow) {
+    services_.steps.Subscribe(request_.dataset, weak_from_this());
+  }
+}
+
+void SequenceStream::OnNews(const DatasetNews& news) {
+  const bool same = news.dataset == job_.dataset;
+  Handle([&](SequencePacer& pacer) {
+    return news.closing ? pacer.OnBroken(DrainingError())
+           : same       ? pacer.OnGrown(series_.CountAt(news.committed_steps))
+                        : pacer.OnBroken(NotFound(
+                              "dataset '{}' was removed or replaced; call again for what is there now",
+                              request_.dataset));
   });
 }
 

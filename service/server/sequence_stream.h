@@ -31,6 +31,7 @@ class FrameSink {
 /// that a thread sanitizer can follow all of it. A job of it may outlast the call: share it.
 /// Thread-safe.
 class SequenceStream final : public AcknowledgedStream,
+                             public StepListener,
                              public std::enable_shared_from_this<SequenceStream> {
  public:
   /// `sink` must live until its Finish is called. Use std::make_shared.
@@ -43,6 +44,8 @@ class SequenceStream final : public AcknowledgedStream,
   void OnWriteDone(bool ok);
   void OnCancel();
   Status Acknowledge(uint64_t index) override;
+  /// Of the dataset that it follows.
+  void OnNews(const DatasetNews& news) override;
 
  private:
   [[nodiscard]] Status Admit(StatusOr<wire::SequenceRequest> request);

@@ -4,9 +4,9 @@
 
 namespace fovea::server {
 
-Status ServedDataset::Refresh() {
+Status ServedDataset::Refresh(bool now) {
   const std::lock_guard lock(refresh_mutex_);
-  if (Clock::now() - refreshed_ < refresh_interval_) {
+  if (!now && Clock::now() - refreshed_ < refresh_interval_) {
     return absl::OkStatus();
   }
   FOVEA_RETURN_IF_ERROR(dataset_->Refresh());

@@ -32,8 +32,8 @@ class ServedDataset {
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] store::Dataset& dataset() { return *dataset_; }
 
-  /// Looks for new steps, unless that was done less than the interval ago.
-  [[nodiscard]] Status Refresh();
+  /// Looks for new steps, unless that was done less than the interval ago and need not be `now`.
+  [[nodiscard]] Status Refresh(bool now);
   /// frames::DefaultSpec of the steps there are now; computed once per number of steps.
   [[nodiscard]] StatusOr<frames::FrameSpec> DefaultSpec();
   /// What GetDataset returns; without default_spec, what ListDatasets returns.

@@ -20,6 +20,7 @@
 #include "service/server/acceptor.h"
 #include "service/server/datasets_service.h"
 #include "service/server/file_watch.h"
+#include "service/server/ingest_service.h"
 #include "service/server/listener.h"
 #include "service/server/render_service.h"
 #include "service/server/services.h"
@@ -127,8 +128,10 @@ class GrpcServer final : public Server {
                    .flag = fmt::format("--render-queue {}", options.render_queue),
                    .threads = options.threads > 0 ? options.threads : HardwareThreads(),
                    .max_waiting = options.render_queue,
-                   .max_running_bytes = kMaxRunningBytes}),
+                   .max_running_bytes = kMaxRunningBytes},
+                  options.allow_ingest || !options.tokens.empty()),
         datasets_(services_),
+        ingest_(services_),
         render_(services_) {}
 
   ~GrpcServer() override { Drain(std::chrono::milliseconds(0)); }
@@ -145,6 +148,7 @@ class GrpcServer final : public Server {
     connections_ = builder.experimental().AddExternalConnectionAcceptor(
         grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials);
     builder.RegisterService(&datasets_);
+    builder.RegisterService(&ingest_);
     builder.RegisterService(&render_);
     server_ = builder.BuildAndStart();
     if (server_ == nullptr) {
@@ -187,6 +191,7 @@ class GrpcServer final : public Server {
     }
     server_->GetHealthCheckService()->SetServingStatus(false);
     services_.calls.StopAdmitting();
+    services_.steps.Close();  // what has no end of its own
     const int64_t left = services_.calls.WaitIdle(limit);
     acceptor_.reset();
     // Only now are connections closed: a balancer that saw GOAWAY first would cut streams short.
@@ -216,6 +221,7 @@ class GrpcServer final : public Server {
 
   Services services_;
   DatasetsService datasets_;
+  IngestService ingest_;
   RenderService render_;
   std::string address_;  // not changed after Serve
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> connections_;  // likewise

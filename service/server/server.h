@@ -17,6 +17,7 @@ struct ServerOptions {
   std::string listen = "127.0.0.1:50051";  // HOST:PORT; port 0: any free one
   bool insecure_plaintext = false;         // allows addresses that other machines can reach
   CertificateFiles tls;                    // given: TLS, else plaintext
+  bool allow_ingest = false;               // without tokens everyone may write, or nobody
   std::string tokens;                      // file of access::ReadTokenFile; empty: no tokens asked
   int threads = 0;                         // that render; 0: all processors
   int render_queue = 64;                   // frames that may wait to be rendered

@@ -12,6 +12,7 @@
 #include "service/server/call_tracker.h"
 #include "service/server/catalogue.h"
 #include "service/server/memory_budget.h"
+#include "service/server/step_feed.h"
 #include "service/server/stream_registry.h"
 #include "service/server/work_pool.h"
 
@@ -20,22 +21,34 @@ namespace fovea::server {
 /// What all methods of a server share. Every member is thread-safe. Members are destroyed from the
 /// last to the first: no work runs any more when what it uses goes.
 struct Services {
+  /// They wait for the disk most of the time.
+  static constexpr int kIngestThreads = 4;
+
   Services(std::unique_ptr<Catalogue> datasets, std::unique_ptr<access::Gate> the_gate,
-           int64_t reply_bytes, WorkPool::Limits lookup_limits, WorkPool::Limits render_limits)
+           int64_t reply_bytes, WorkPool::Limits lookup_limits, WorkPool::Limits render_limits,
+           bool may_write = false)
       : catalogue(std::move(datasets)),
         gate(std::move(the_gate)),
+        writable(may_write),
         replies(reply_bytes),
+        steps(*catalogue, StepFeed::kInterval, StepFeed::kAbsentInterval),
         renders(std::move(render_limits)),
-        lookups(std::move(lookup_limits)) {}
+        lookups(std::move(lookup_limits)),
+        ingests({.name = "ingest queue", .flag = "", .threads = kIngestThreads}) {}
 
   const std::unique_ptr<Catalogue> catalogue;
   const std::unique_ptr<access::Gate> gate;
+  const bool writable;  // whether anyone may change datasets
   CallTracker calls;
   MemoryBudget replies;
   StreamRegistry streams;
+  StepFeed steps;  // tells of what is committed
   std::atomic<uint64_t> frames_rendered = 0;
+  std::atomic<int> live_streams = 0;          // that write readings
+  std::atomic<int64_t> pending_readings = 0;  // of all of them, in open steps
   WorkPool renders;
   WorkPool lookups;  // reads metadata, then hands over to `renders`
+  WorkPool ingests;  // sorts readings and commits steps
 };
 
 /// The error of a call that comes while the server drains.

@@ -64,8 +64,13 @@ StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto) {
     return BadField("steps.last",
                     fmt::format("{} is before steps.first, {}", steps.last(), steps.first()));
   }
+  if (proto.follow() && steps.has_last()) {
+    return BadField("steps.last", "does not go with follow, which has no end");
+  }
   SequenceRequest request;
   request.dataset = proto.dataset();
+  request.follow = proto.follow();
+  request.newest = proto.follow() && !proto.has_steps();
   request.first = steps.first();
   if (steps.has_last()) {
     request.last = steps.last();
@@ -95,6 +100,11 @@ StatusOr<ListRequest> FromProto(const v1::ListDatasetsRequest& proto) {
   return request;
 }
 
+StatusOr<WatchRequest> FromProto(const v1::WatchDatasetRequest& proto) {
+  FOVEA_RETURN_IF_ERROR(CheckDatasetName(proto.dataset()));
+  return WatchRequest{proto.dataset(), proto.first_step(), proto.wait()};
+}
+
 std::string PageTokenAfter(const std::string& name) {
   return std::string(kPageTokenPrefix) + name;
 }
@@ -113,13 +123,15 @@ Status CheckStep(const std::string& dataset, uint64_t step, int64_t committed_st
 
 StatusOr<StepSeries> ResolveSteps(const SequenceRequest& request, int64_t committed_steps) {
   FOVEA_RETURN_IF_ERROR(CheckStep(request.dataset, request.first, committed_steps));
+  const uint64_t first =
+      request.newest ? static_cast<uint64_t>(committed_steps) - 1 : request.first;
   const uint64_t last = request.last.value_or(static_cast<uint64_t>(committed_steps) - 1);
   FOVEA_RETURN_IF_ERROR(CheckStep(request.dataset, last, committed_steps));
   StepSeries series;
-  series.first = static_cast<int64_t>(request.first);
-  // A stride past the end is one step; cut before the cast.
-  series.stride =
-      static_cast<int64_t>(std::min(request.stride, static_cast<uint64_t>(committed_steps)));
+  series.first = static_cast<int64_t>(first);
+  // Past the end of any series; cut before the cast.
+  constexpr uint64_t kLongestStride = uint64_t{1} << 40;
+  series.stride = static_cast<int64_t>(std::min(request.stride, kLongestStride));
   series.count = (static_cast<int64_t>(last) - series.first) / series.stride + 1;
   if (request.start_index > static_cast<uint64_t>(series.count)) {
     return BadField("start_index", fmt::format("{} is outside 0 to {}, the frames of the range",

@@ -1,6 +1,7 @@
 #ifndef SERVICE_WIRE_REQUESTS_H_
 #define SERVICE_WIRE_REQUESTS_H_
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -34,6 +35,8 @@ struct SequenceRequest {
   uint64_t start_index = 0;
   uint32_t window = 0;    // 0: no acknowledgements
   std::string stream_id;  // may be empty if window is 0
+  bool follow = false;    // new steps after the range; never with `last`
+  bool newest = false;    // the range is the last step alone, instead of from `first` on
 };
 
 struct ListRequest {
@@ -41,9 +44,16 @@ struct ListRequest {
   std::string after;  // names up to this one have been listed
 };
 
+struct WatchRequest {
+  std::string dataset;
+  uint64_t first_step = 0;
+  bool wait = false;  // for a dataset that is not there
+};
+
 [[nodiscard]] StatusOr<FrameRequest> FromProto(const v1::RenderFrameRequest& proto);
 [[nodiscard]] StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto);
 [[nodiscard]] StatusOr<ListRequest> FromProto(const v1::ListDatasetsRequest& proto);
+[[nodiscard]] StatusOr<WatchRequest> FromProto(const v1::WatchDatasetRequest& proto);
 
 /// The part of FromProto that every request with a dataset shares; GetDataset has nothing else.
 [[nodiscard]] Status CheckDatasetName(const std::string& name);
@@ -56,6 +66,10 @@ struct StepSeries {
   int64_t first = 0;
   int64_t stride = 1;
   int64_t count = 0;
+  /// The frames that there are of it when this many steps are committed, if it has no end.
+  [[nodiscard]] int64_t CountAt(int64_t committed_steps) const {
+    return std::max(count, (committed_steps - 1 - first) / stride + 1);
+  }
   [[nodiscard]] int64_t StepAt(int64_t index) const { return first + index * stride; }
 };
 

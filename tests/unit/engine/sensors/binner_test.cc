@@ -57,6 +57,59 @@ void ExpectSum(const ReadingCounts& c) {
                         c.ahead + c.pending);
 }
 
+TEST(BinnerTest, TimesOnABorderBelongToTheWindowThatBeginsThere) {
+  // 0.3 / 0.1 is less than 3 in floating point, and so is much of the like in seconds since 1970.
+  for (const double start : {0.0, 1.7e9}) {
+    BinnerOptions options = TenSeconds();
+    options.steps.window_s = 0.1;
+    options.steps.start_s = start;
+    Stream stream(options);
+    for (int64_t i = 0; i < 100; ++i) {
+      const auto time_ns = static_cast<int64_t>(start) * 1'000'000'000 + i * 100'000'000;
+      ASSERT_OK(stream.Add(static_cast<double>(time_ns) / 1e9, 1));
+    }
+    ASSERT_EQ(stream.steps.size(), 99U) << start;
+    EXPECT_EQ(stream.steps[3].frame_number, 3);
+    EXPECT_EQ(stream.binner.counts().empty_windows, 0);
+  }
+}
+
+TEST(BinnerTest, ATimeBeforeWhichAllHasComeClosesWindows) {
+  BinnerOptions options = TenSeconds();
+  options.steps.watermark_s = 100;
+  Stream stream(options);
+  ASSERT_OK(stream.Add(5, 1));
+  ASSERT_OK(stream.Add(25, 2));
+  ASSERT_OK(stream.binner.CloseBefore(9.5));
+  EXPECT_TRUE(stream.steps.empty());
+  ASSERT_OK(stream.binner.CloseBefore(20));
+  EXPECT_THAT(stream.Numbers(), ElementsAre(0));
+  ASSERT_OK(stream.Add(15, 3));  // late: its window is closed, though it held nothing
+  EXPECT_EQ(stream.binner.counts().late, 1);
+  ASSERT_OK(stream.binner.CloseBefore(std::numeric_limits<double>::quiet_NaN()));
+  EXPECT_EQ(stream.binner.counts().pending, 1);
+}
+
+TEST(BinnerTest, KnowsWhichCallsAreInClosedStepsAltogether) {
+  BinnerOptions options = TenSeconds();
+  options.steps.watermark_s = 10;
+  Stream stream(options);
+  EXPECT_EQ(stream.binner.SettledCalls(), 0);
+  ASSERT_OK(stream.Add(5, 1));
+  EXPECT_EQ(stream.binner.SettledCalls(), 0);
+  ASSERT_OK(stream.Add(15, 1));       // both windows are open
+  ASSERT_OK(stream.Add(6, 1));        // the first one again
+  ASSERT_OK(stream.Add(16, 1, -50));  // outside the box: nothing to lose
+  EXPECT_EQ(stream.binner.SettledCalls(), 0);
+  ASSERT_OK(stream.Add(21, 1));  // closes the first
+  EXPECT_THAT(stream.Numbers(), ElementsAre(0));
+  EXPECT_EQ(stream.binner.SettledCalls(), 1);  // the second call is in the second window
+  ASSERT_OK(stream.Add(31, 1));
+  EXPECT_EQ(stream.binner.SettledCalls(), 4);
+  ASSERT_OK(stream.binner.Finish());
+  EXPECT_EQ(stream.binner.SettledCalls(), 6);
+}
+
 TEST(BinnerTest, WindowsCloseWhenAReadingPastTheirEndComes) {
   Stream stream(TenSeconds());
   ASSERT_OK(stream.Add(0, 1));

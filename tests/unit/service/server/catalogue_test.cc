@@ -25,6 +25,10 @@ using ::testing::ElementsAre;
 
 constexpr Int3 kDims{12, 10, 9};
 
+bool All(const std::string& /*name*/) {
+  return true;
+}
+
 class CatalogueTest : public ::testing::Test {
  protected:
   void SetUp() override { fs::create_directories(Root()); }
@@ -57,7 +61,8 @@ TEST_F(CatalogueTest, FindsDatasetsAtAnyDepth) {
   AddStore(Below("lab/2024/run 1.zarr"));
   AddStore(Below(".hidden/x.zarr"));
   const auto catalogue = OpenRoot();
-  EXPECT_THAT(Names(catalogue->List("", 10)), ElementsAre("lab/2024/run 1", "lab/plume", "plume"));
+  EXPECT_THAT(Names(catalogue->List("", 10, All)),
+              ElementsAre("lab/2024/run 1", "lab/plume", "plume"));
   ASSERT_OK_AND_ASSIGN(const auto dataset, catalogue->Find("lab/plume"));
   EXPECT_EQ(dataset->dataset().info().committed_steps, 1);
 }
@@ -67,10 +72,10 @@ TEST_F(CatalogueTest, ListsInPages) {
     AddStore(Below(std::string(name) + ".zarr"));
   }
   const auto catalogue = OpenRoot();
-  const Catalogue::Page first = catalogue->List("", 2);
+  const Catalogue::Page first = catalogue->List("", 2, All);
   EXPECT_THAT(Names(first), ElementsAre("a", "b"));
   EXPECT_TRUE(first.more);
-  const Catalogue::Page second = catalogue->List("b", 2);
+  const Catalogue::Page second = catalogue->List("b", 2, All);
   EXPECT_THAT(Names(second), ElementsAre("c"));
   EXPECT_FALSE(second.more);
 }
@@ -94,7 +99,7 @@ TEST_F(CatalogueTest, LinksAreFollowedInsideTheRootOnly) {
   fs::create_directory_symlink(Below("a/in.zarr"), Below("latest.zarr"));
   fs::create_directory_symlink(Root(), Below("a/loop"));
   fs::create_directory_symlink("nowhere", Below("broken.zarr"));
-  EXPECT_THAT(Names(OpenRoot()->List("", 10)), ElementsAre("a/in", "latest"));
+  EXPECT_THAT(Names(OpenRoot()->List("", 10, All)), ElementsAre("a/in", "latest"));
 }
 
 TEST_F(CatalogueTest, DamagedStoresDoNotStopTheOthers) {
@@ -104,7 +109,7 @@ TEST_F(CatalogueTest, DamagedStoresDoNotStopTheOthers) {
   std::ofstream(Below("bad.zarr/zarr.json")) << "{ not json";
   std::ofstream(Below("file.zarr")) << "not even a directory";
   const auto catalogue = OpenRoot();
-  EXPECT_THAT(Names(catalogue->List("", 10)), ElementsAre("good"));
+  EXPECT_THAT(Names(catalogue->List("", 10, All)), ElementsAre("good"));
   const auto bad = catalogue->Find("bad");
   EXPECT_FALSE(bad.ok());
   EXPECT_NE(bad.status().code(), absl::StatusCode::kNotFound);
@@ -120,7 +125,7 @@ TEST_F(CatalogueTest, NoticesNewDatasetsAndNewSteps) {
   AddStore(Below("second.zarr"));
   EXPECT_OK(catalogue->Find("second").status());
   AddStore(Below("third.zarr"));
-  EXPECT_THAT(Names(catalogue->List("", 10)), ElementsAre("first", "second", "third"));
+  EXPECT_THAT(Names(catalogue->List("", 10, All)), ElementsAre("first", "second", "third"));
 
   ASSERT_OK_AND_ASSIGN(auto writer, store::DatasetWriter::Append(Below("first.zarr")));
   ASSERT_OK(store::testing::WriteSteps(writer.get(), 1));
@@ -177,11 +182,39 @@ TEST_F(CatalogueTest, DefaultsFollowTheSteps) {
   EXPECT_EQ(one.first_time_ns, one.last_time_ns);
   ASSERT_OK_AND_ASSIGN(auto writer, store::DatasetWriter::Append(Below("plume.zarr")));
   ASSERT_OK(store::testing::WriteSteps(writer.get(), 1));
-  ASSERT_OK(dataset->Refresh());
+  ASSERT_OK(dataset->Refresh(true));
   ASSERT_OK_AND_ASSIGN(const wire::DatasetSummary two, dataset->Summary(true));
   EXPECT_EQ(two.info.committed_steps, 2);
   EXPECT_GT(two.last_time_ns, two.first_time_ns);
   EXPECT_TRUE(two.default_spec.transfer.has_value());
+}
+
+TEST_F(CatalogueTest, NewDatasetsBelongBelowTheRoot) {
+  const auto catalogue = OpenRoot();
+  ASSERT_OK_AND_ASSIGN(const std::string path, catalogue->PathOfNew("lab/new"));
+  EXPECT_EQ(path, fs::canonical(Root()).string() + "/lab/new.zarr");
+  EXPECT_TRUE(fs::is_directory(Below("lab")));
+  EXPECT_THAT(catalogue->PathOfNew("../new"),
+              FailsWith(absl::StatusCode::kInvalidArgument, "cannot be the name"));
+  fs::create_directories(folder_.Path("elsewhere"));
+  fs::create_directory_symlink(folder_.Path("elsewhere"), Below("away"));
+  EXPECT_THAT(catalogue->PathOfNew("away/new"),
+              FailsWith(absl::StatusCode::kFailedPrecondition, "outside of the root"));
+}
+
+TEST_F(CatalogueTest, FindNowSeesWhatFindWouldSeeLater) {
+  AddStore(Below("plume.zarr"), 1);
+  const auto catalogue = OpenRoot(milliseconds(3'600'000));
+  auto writer = store::DatasetWriter::Append(Below("plume.zarr"));
+  ASSERT_OK(writer.status());
+  ASSERT_OK(store::testing::WriteSteps(writer->get(), 1));
+  ASSERT_OK_AND_ASSIGN(auto dataset, catalogue->Find("plume"));
+  EXPECT_EQ(dataset->dataset().info().committed_steps, 1);
+  ASSERT_OK_AND_ASSIGN(dataset, catalogue->FindNow("plume"));
+  EXPECT_EQ(dataset->dataset().info().committed_steps, 2);
+  AddStore(Below("later.zarr"));
+  EXPECT_TRUE(absl::IsNotFound(catalogue->Find("later").status()));
+  EXPECT_OK(catalogue->FindNow("later").status());
 }
 
 }  // namespace

@@ -50,6 +50,36 @@ TEST(SequencePacerTest, TheWindowHoldsRenderingBack) {
   EXPECT_THAT(pacer.OnAcknowledged(7), FailsWith(absl::StatusCode::kInvalidArgument, "index"));
 }
 
+TEST(SequencePacerTest, FollowingSkipsToTheNewestOfWhatCameLater) {
+  SequencePacer pacer(1);
+  EXPECT_EQ(pacer.OnOpenedToFollow(3, 5).render, 3);
+  EXPECT_TRUE(pacer.OnRendered(absl::OkStatus()).write);
+  EXPECT_TRUE(Nothing(pacer.OnWriteDone(true)));
+  EXPECT_TRUE(Nothing(pacer.OnGrown(9)));
+  ASSERT_OK_AND_ASSIGN(Actions actions, pacer.OnAcknowledged(3));
+  EXPECT_EQ(actions.render, 4);  // there when it was opened: not skipped
+  EXPECT_TRUE(pacer.OnRendered(absl::OkStatus()).write);
+  EXPECT_TRUE(Nothing(pacer.OnWriteDone(true)));
+  ASSERT_OK_AND_ASSIGN(actions, pacer.OnAcknowledged(4));
+  EXPECT_EQ(actions.render, 8);
+  EXPECT_TRUE(pacer.OnRendered(absl::OkStatus()).write);
+  EXPECT_THAT(pacer.OnAcknowledged(9), FailsWith(absl::StatusCode::kInvalidArgument, "index"));
+  ASSERT_OK_AND_ASSIGN(actions, pacer.OnAcknowledged(8));
+  EXPECT_TRUE(Nothing(actions));  // nothing newer, and no end
+  EXPECT_TRUE(Nothing(pacer.OnWriteDone(true)));
+  EXPECT_EQ(pacer.OnGrown(10).render, 9);
+}
+
+TEST(SequencePacerTest, FollowingEndsWhenItsDatasetGoes) {
+  SequencePacer pacer(0);
+  EXPECT_EQ(pacer.OnOpenedToFollow(0, 1).render, 0);
+  EXPECT_TRUE(Nothing(pacer.OnBroken(NotFound("gone"))));
+  EXPECT_TRUE(pacer.OnRendered(absl::OkStatus()).write);  // what was under way is still sent
+  const Actions actions = pacer.OnWriteDone(true);
+  ASSERT_TRUE(actions.finish.has_value());
+  EXPECT_THAT(*actions.finish, FailsWith(absl::StatusCode::kNotFound, "gone"));
+}
+
 TEST(SequencePacerTest, NothingToSendIsASuccess) {
   SequencePacer pacer(0);
   const Actions actions = pacer.OnOpened(4, 4);

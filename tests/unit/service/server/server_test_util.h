@@ -43,6 +43,7 @@ class ServerFixture : public ::testing::Test {
     ServerOptions options;
     options.root = Root();
     options.tokens = tokens;
+    options.allow_ingest = allow_ingest_;
     options.reload_interval = std::chrono::milliseconds(10);
     options.listen = "127.0.0.1:0";
     options.threads = threads;
@@ -105,6 +106,7 @@ class ServerFixture : public ::testing::Test {
   }
 
   store::testing::TemporaryFolder folder_;
+  bool allow_ingest_ = false;  // of servers that are started from now on
   std::unique_ptr<Server> server_;
   std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<v1::Datasets::Stub> datasets_;

@@ -1,0 +1,58 @@
+#include "service/server/ingest_service.h"
+
+#include <memory>
+#include <utility>
+
+#include "service/server/admission.h"
+#include "service/server/live_stream.h"
+#include "service/wire/status.h"
+
+namespace fovea::server {
+namespace {
+
+/// A LiveStream on gRPC. Deletes itself when gRPC is done with it; the stream lives on for as long
+/// as jobs of it do.
+class ReadingsReactor final
+    : public grpc::ServerBidiReactor<v1::StreamReadingsRequest, v1::StreamReadingsResponse>,
+      public ReadingsPeer {
+ public:
+  ReadingsReactor(Services& services, const grpc::CallbackServerContext& context)
+      : stream_(std::make_shared<LiveStream>(services, *this)) {
+    // Which dataset the first message says: the stream asks whether the caller may see it.
+    auto admission = Admit(services, context, {.right = access::Right::kWrite, .stream = true});
+    if (!admission.ok()) {
+      stream_->Start(admission.status(), nullptr);
+      return;
+    }
+    admission_ = *std::move(admission);
+    stream_->Start(absl::OkStatus(), admission_.caller);
+  }
+
+  void Read() override { StartRead(&request_); }
+  void Write(const v1::StreamReadingsResponse& response) override { StartWrite(&response); }
+  void Finish(const Status& status) override { ServerBidiReactor::Finish(wire::ToGrpc(status)); }
+  void OnReadDone(bool ok) override {
+    if (ok) {
+      stream_->OnMessage(std::exchange(request_, {}));
+    } else {
+      stream_->OnReadsDone();
+    }
+  }
+  void OnWriteDone(bool ok) override { stream_->OnWriteDone(ok); }
+  void OnCancel() override { stream_->OnCancel(); }
+  void OnDone() override { delete this; }
+
+ private:
+  Admission admission_;
+  v1::StreamReadingsRequest request_;  // gRPC's while a read is under way
+  const std::shared_ptr<LiveStream> stream_;
+};
+
+}  // namespace
+
+grpc::ServerBidiReactor<v1::StreamReadingsRequest, v1::StreamReadingsResponse>*
+IngestService::StreamReadings(grpc::CallbackServerContext* context) {
+  return new ReadingsReactor(services_, *context);  // deletes itself
+}
+
+}  // namespace fovea::server
