@@ -14,6 +14,11 @@ int32_t ToNumber(float x, float scale, float most) {
   return static_cast<int32_t>(std::min(most, scale * std::sqrt(std::max(0.0F, x)) + 0.5F));
 }
 
+/// Stays as it is: numbers hold it exactly.
+bool IsEmpty(const Rgba& value) {
+  return value.red == 0 && value.green == 0 && value.blue == 0 && value.alpha == 0;
+}
+
 float FromNumber(int32_t number, double scale) {
   return static_cast<float>(static_cast<double>(number) * number * scale);
 }
@@ -38,8 +43,9 @@ void SnapLeaves(int threads, std::vector<FrameLevel>* levels) {
   for (FrameLevel& level : *levels) {
     const auto pixels = [&level](int64_t first, int64_t last) {
       for (auto i = static_cast<size_t>(first); i < static_cast<size_t>(last); ++i) {
-        if (level.kinds[i] == PixelKind::kLeaf) {
-          level.values[i] = FromNumbers(ToNumbers(level.values[i], kLeafBits), kLeafBits);
+        Rgba& value = level.values[i];
+        if (level.kinds[i] == PixelKind::kLeaf && !IsEmpty(value)) {
+          value = FromNumbers(ToNumbers(value, kLeafBits), kLeafBits);
         }
       }
     };
