@@ -63,6 +63,10 @@ class Serve(support.FoveaTest):
             self.assertEqual(report["flags"],
                              self.fovea_json("render", self.store, *flags, "-o", local)["flags"])
             self.assertEqual(served.read_bytes(), local.read_bytes(), name)
+            foveated = self.folder / f"foveated_{name}"
+            self.assertEqual(self.ask("render", "lab/plume", "--foveated", *flags, "-o", foveated)
+                             ["flags"], report["flags"])
+            self.assertEqual(foveated.read_bytes(), local.read_bytes(), name)
 
     def test_export_streams_the_same_frames(self):
         flags = ["--size", "64x48", "--steps", "1-13x3", "--field", "temperature", "--strict",
@@ -76,6 +80,10 @@ class Serve(support.FoveaTest):
                                  "f.0053.png"])
         for name in names:
             self.assertEqual((served / name).read_bytes(), (local / name).read_bytes(), name)
+        foveated = self.folder / "foveated"
+        self.ask("export", "lab/plume", "--foveated", *flags, "-o", foveated / "f.####.png")
+        for name in names:
+            self.assertEqual((foveated / name).read_bytes(), (local / name).read_bytes(), name)
         (served / "f.0029.png").unlink()
         self.assertEqual(self.ask("export", "lab/plume", *flags, "-o", served / "f.####.png")
                          ["frames_made"], 1)
@@ -96,6 +104,10 @@ class Serve(support.FoveaTest):
         refused("lab/plume", "--fovea", "99,0,0", says=["--fovea", "outside"])
         refused("lab/plume", "--field", "heat", says=["--field", "heat", "temperature"])
         refused("lab/plume", "--color-field", "heat", says=["--color-field", "heat", "temperature"])
+
+    def test_foveated_needs_a_server(self):
+        self.refused(2, "render", self.store, "--foveated", "-o", self.folder / "no.png",
+                     says=["--foveated", "--server"])
 
     def test_a_server_that_is_not_there(self):
         self.refused(1, "info", "--server", "127.0.0.1:1", says=["127.0.0.1:1", "serve"])
