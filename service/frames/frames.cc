@@ -66,8 +66,8 @@ StatusOr<Sources> OpenSources(store::Dataset& dataset, int64_t step, const Frame
   return sources;
 }
 
-StatusOr<FoveatedPicture> RenderTwoPhase(const Sources& sources, const RetainedSet& retained,
-                                         const Matrix4& index_to_world,
+StatusOr<FoveatedPicture> RenderTwoPhase(const FrameCoefficients& sources,
+                                         const RetainedSet& retained, const Matrix4& index_to_world,
                                          const render::RenderSettings& settings, Reconstruction how,
                                          FrameStats* stats) {
   ReconstructStats times;
@@ -99,14 +99,14 @@ StatusOr<FoveatedPicture> RenderTwoPhase(const Sources& sources, const RetainedS
   return picture;
 }
 
-StatusOr<FoveatedPicture> RenderFused(const Sources& sources, const RetainedSet& retained,
+StatusOr<FoveatedPicture> RenderFused(const FrameCoefficients& sources, const RetainedSet& retained,
                                       const Matrix4& index_to_world,
                                       const render::RenderSettings& settings, FrameStats* stats) {
   render::FusedStats fused;
   FoveatedPicture picture;
   FOVEA_ASSIGN_OR_RETURN(
       picture.frame, render::RenderFusedFrame(*sources.value, retained, index_to_world, settings,
-                                              &fused, sources.color.get()));
+                                              &fused, sources.color));
   stats->samples = fused.samples;
   stats->read_ms = fused.read_ms;
   stats->reconstruct_ms = fused.reconstruct_ms;
@@ -139,16 +139,24 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
   frame->stats.chunks_read += read.chunks_read;
   frame->stats.chunks_total += read.chunks_total;
   frame->stats.bytes_read += read.bytes_read;
-  if (read.chunks_damaged > 0) {
-    frame->warnings.push_back(
-        {fmt::format("{} damaged chunks of '{}' at step {} were left out: coarser values show "
-                     "there; `fovea verify` lists them",
-                     read.chunks_damaged, field, frame->step),
-         read.chunks_damaged});
+  if (std::optional<Warning> warning = DamageWarning(read, field, frame->step)) {
+    frame->warnings.push_back(*std::move(warning));
   }
 }
 
 }  // namespace
+
+std::optional<Warning> DamageWarning(const store::ReadStats& read, const std::string& field,
+                                     int64_t step) {
+  if (read.chunks_damaged == 0) {
+    return std::nullopt;
+  }
+  return Warning{
+      fmt::format("{} damaged chunks of '{}' at step {} were left out: coarser values show "
+                  "there; `fovea verify` lists them",
+                  read.chunks_damaged, field, step),
+      read.chunks_damaged};
+}
 
 std::optional<Warning> RetentionWarning(const store::DatasetInfo& info,
                                         const RetainedSet& retained) {
@@ -219,17 +227,12 @@ render::FrameCounts CountFrame(const store::DatasetInfo& info, const RetainedSet
   return render::CountFrame(retained, view, settings.width_px, settings.height_px);
 }
 
-StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
-                            const FrameSpec& resolved, int threads) {
-  const store::DatasetInfo info = dataset.info();
+StatusOr<Frame> RenderCoefficients(const FrameCoefficients& coefficients,
+                                   const store::DatasetInfo& info, const FrameSpec& resolved,
+                                   int threads) {
   Frame frame;
-  frame.dataset = dataset_name;
-  frame.step = step;
   frame.used = resolved;
   frame.encoding = resolved.encoding;
-  FOVEA_ASSIGN_OR_RETURN(frame.time_ns, dataset.TimeNs(step));
-  FOVEA_ASSIGN_OR_RETURN(frame.frame_number, dataset.FrameNumber(step));
-  FOVEA_ASSIGN_OR_RETURN(const Sources sources, OpenSources(dataset, step, resolved));
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
   FOVEA_RETURN_IF_ERROR(CheckMemory(info, retained, resolved));
@@ -238,14 +241,9 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
   FOVEA_ASSIGN_OR_RETURN(
       FoveatedPicture picture,
       resolved.mode == Mode::kFused
-          ? RenderFused(sources, retained, info.index_to_world, settings, &frame.stats)
-          : RenderTwoPhase(sources, retained, info.index_to_world, settings,
+          ? RenderFused(coefficients, retained, info.index_to_world, settings, &frame.stats)
+          : RenderTwoPhase(coefficients, retained, info.index_to_world, settings,
                            resolved.reconstruction.value_or(Reconstruction::kExact), &frame.stats));
-  AddReadStats(sources.value->read_stats(), *resolved.field, &frame);
-  if (sources.color != nullptr) {
-    AddReadStats(sources.color->read_stats(), *resolved.color_field, &frame);
-  }
-
   if (std::optional<Warning> warning = RetentionWarning(info, retained)) {
     frame.warnings.push_back(*std::move(warning));
   }
@@ -259,9 +257,27 @@ StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_
                          EncodePicture(std::move(picture), resolved, threads, &frame.stats));
   frame.width_px = settings.width_px;
   frame.height_px = settings.height_px;
-  const uint64_t fields = sources.color != nullptr ? 2 : 1;
+  const uint64_t fields = coefficients.color != nullptr ? 2 : 1;
   frame.stats.coefficients = fields * static_cast<uint64_t>(retained.CoefficientCount());
   frame.stats.super_voxels = fields * static_cast<uint64_t>(retained.SuperVoxelCount());
+  return frame;
+}
+
+StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
+                            const FrameSpec& resolved, int threads) {
+  FOVEA_ASSIGN_OR_RETURN(const int64_t time_ns, dataset.TimeNs(step));
+  FOVEA_ASSIGN_OR_RETURN(const std::optional<int64_t> frame_number, dataset.FrameNumber(step));
+  FOVEA_ASSIGN_OR_RETURN(const Sources sources, OpenSources(dataset, step, resolved));
+  FOVEA_ASSIGN_OR_RETURN(Frame frame, RenderCoefficients({sources.value.get(), sources.color.get()},
+                                                         dataset.info(), resolved, threads));
+  frame.dataset = dataset_name;
+  frame.step = step;
+  frame.time_ns = time_ns;
+  frame.frame_number = frame_number;
+  AddReadStats(sources.value->read_stats(), *resolved.field, &frame);
+  if (sources.color != nullptr) {
+    AddReadStats(sources.color->read_stats(), *resolved.color_field, &frame);
+  }
   return frame;
 }
 

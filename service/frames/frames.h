@@ -5,6 +5,7 @@
 #include <string>
 
 #include "engine/base/status.h"
+#include "engine/fovea/coefficient_source.h"
 #include "engine/render/plan.h"
 #include "engine/store/dataset.h"
 #include "service/frames/spec.h"
@@ -45,6 +46,23 @@ namespace fovea::frames {
 /// A warning if `retained` reaches outside the windows that the dataset keeps detail in.
 [[nodiscard]] std::optional<Warning> RetentionWarning(const store::DatasetInfo& info,
                                                       const RetainedSet& retained);
+
+/// A warning if chunks of `field` at `step` were damaged.
+[[nodiscard]] std::optional<Warning> DamageWarning(const store::ReadStats& read,
+                                                   const std::string& field, int64_t step);
+
+/// Coefficients that a frame is made of: those of its field, and of its color_field, or null.
+struct FrameCoefficients {
+  CoefficientSource* value = nullptr;
+  CoefficientSource* color = nullptr;
+};
+
+/// Reconstructs, renders and encodes: `used`, size, encoding, pixels and statistics of a frame; who
+/// gave the coefficients knows the rest. `info`: hierarchy and index_to_world are looked at, and
+/// retention. Errors as RenderFrame, but for the step's.
+[[nodiscard]] StatusOr<Frame> RenderCoefficients(const FrameCoefficients& coefficients,
+                                                 const store::DatasetInfo& info,
+                                                 const FrameSpec& resolved, int threads);
 
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
 /// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,

@@ -18,6 +18,7 @@
 
 #include "engine/base/parallel.h"
 #include "service/server/acceptor.h"
+#include "service/server/coefficients_service.h"
 #include "service/server/datasets_service.h"
 #include "service/server/file_watch.h"
 #include "service/server/ingest_service.h"
@@ -132,7 +133,8 @@ class GrpcServer final : public Server {
                   options.allow_ingest || !options.tokens.empty()),
         datasets_(services_),
         ingest_(services_),
-        render_(services_) {}
+        render_(services_),
+        coefficients_(services_) {}
 
   ~GrpcServer() override { Drain(std::chrono::milliseconds(0)); }
 
@@ -150,6 +152,7 @@ class GrpcServer final : public Server {
     builder.RegisterService(&datasets_);
     builder.RegisterService(&ingest_);
     builder.RegisterService(&render_);
+    builder.RegisterService(&coefficients_);
     server_ = builder.BuildAndStart();
     if (server_ == nullptr) {
       return Internal("gRPC could not be started; its messages are in the log");
@@ -223,6 +226,7 @@ class GrpcServer final : public Server {
   DatasetsService datasets_;
   IngestService ingest_;
   RenderService render_;
+  CoefficientsService coefficients_;
   std::string address_;  // not changed after Serve
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> connections_;  // likewise
   std::shared_ptr<TlsCredentials> tls_;           // likewise; null: plaintext
