@@ -6,12 +6,15 @@
 
 #include <grpcpp/channel.h>
 
+#include "fovea/v1/coefficients.grpc.pb.h"
 #include "fovea/v1/datasets.grpc.pb.h"
 #include "fovea/v1/render.grpc.pb.h"
 #include "service/client/call_options.h"
 #include "service/client/channel.h"
+#include "service/client/coefficient_reader.h"
 #include "service/client/frame_reader.h"
 #include "service/frames/frames.h"
+#include "service/wire/coefficients.h"
 #include "service/wire/convert.h"
 #include "service/wire/host_port.h"
 #include "service/wire/requests.h"
@@ -60,7 +63,8 @@ class GrpcClient final : public Client {
         metadata_{RandomId(), std::move(authorization)},
         channel_(std::move(channel)),
         datasets_(v1::Datasets::NewStub(channel_)),
-        render_(v1::Render::NewStub(channel_)) {}
+        render_(v1::Render::NewStub(channel_)),
+        coefficients_(v1::Coefficients::NewStub(channel_)) {}
 
   StatusOr<std::vector<DatasetSummary>> ListDatasets() override;
   StatusOr<DatasetSummary> GetDataset(const std::string& dataset) override;
@@ -68,6 +72,9 @@ class GrpcClient final : public Client {
                                       const frames::FrameSpec& spec) override;
   Status RenderSequence(const SequenceRequest& request,
                         const std::function<bool(const frames::Frame&)>& on_frame) override;
+  Status StreamCoefficients(
+      const wire::CoefficientsRequest& request,
+      const std::function<Status(const wire::CoefficientsMessage&)>& on_message) override;
 
  private:
   using OnFrame = std::function<bool(const frames::Frame&)>;
@@ -93,6 +100,7 @@ class GrpcClient final : public Client {
   const std::shared_ptr<grpc::Channel> channel_;
   const std::unique_ptr<v1::Datasets::Stub> datasets_;
   const std::unique_ptr<v1::Render::Stub> render_;
+  const std::unique_ptr<v1::Coefficients::Stub> coefficients_;
 };
 
 /// Says which server, and keeps what the details point at.
@@ -216,6 +224,21 @@ Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFram
       reader.Acknowledge(progress->next_index);
     }
     ++progress->next_index;
+  }
+  return Explain(wire::FromGrpc(reader.Finish()));
+}
+
+Status GrpcClient::StreamCoefficients(
+    const wire::CoefficientsRequest& request,
+    const std::function<Status(const wire::CoefficientsMessage&)>& on_message) {
+  FOVEA_RETURN_IF_ERROR(frames::ValidateSpec(request.spec));
+  CoefficientReader reader(*coefficients_, wire::ToProto(request), metadata_, deadline_seconds_);
+  v1::CoefficientBlock proto;
+  while (reader.Next(&proto)) {
+    auto message = wire::FromProto(std::move(proto));
+    FOVEA_RETURN_IF_ERROR(Explain(message.status()));
+    proto.Clear();
+    FOVEA_RETURN_IF_ERROR(Explain(on_message(*message)));
   }
   return Explain(wire::FromGrpc(reader.Finish()));
 }

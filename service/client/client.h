@@ -11,6 +11,7 @@
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
 #include "service/frames/spec.h"
+#include "service/wire/coefficient_messages.h"
 #include "service/wire/dataset_summary.h"
 
 /// The C++ client of the gRPC service, in plain structs: callers need neither gRPC nor Protobuf.
@@ -63,6 +64,11 @@ class Client {
   [[nodiscard]] virtual Status RenderSequence(
       const SequenceRequest& request,
       const std::function<bool(const frames::Frame&)>& on_frame) = 0;
+  /// Calls `on_message` for each message in order; an error of it cancels the stream and is
+  /// returned. Blocks are not looked at: LocalRenderer does, and goes on after a lost connection.
+  [[nodiscard]] virtual Status StreamCoefficients(
+      const wire::CoefficientsRequest& request,
+      const std::function<Status(const wire::CoefficientsMessage&)>& on_message) = 0;
 };
 
 }  // namespace fovea::client

@@ -134,7 +134,7 @@ StatusOr<std::vector<std::byte>> HeldStep::NumbersOf(const BlockHeader& header) 
   return numbers;
 }
 
-Status HeldStep::Add(std::string_view block, const HeldStep* base) {
+StatusOr<int64_t> HeldStep::Add(std::string_view block, const HeldStep* base) {
   FOVEA_ASSIGN_OR_RETURN(const ReceivedBlock received, ParseBlock(block, hierarchy_));
   const BlockHeader& header = received.header;
   if (header.step != static_cast<uint64_t>(step_) ||
@@ -180,7 +180,7 @@ Status HeldStep::Add(std::string_view block, const HeldStep* base) {
     }
     at += part.size();
   }
-  return absl::OkStatus();
+  return header.Values();
 }
 
 void HeldStep::Complete(const Fovea& fovea) {

@@ -34,10 +34,10 @@ class HeldStep {
   [[nodiscard]] const std::vector<Field>& fields() const { return fields_; }
   [[nodiscard]] const CoefficientSet& coefficients(size_t field) const { return sets_[field]; }
 
-  /// Puts a block's coefficients in their places. `base` is what differences are from, or null.
-  /// DATA_LOSS for bytes that are no block of this step, FAILED_PRECONDITION for differences that
-  /// are not from `base`.
-  [[nodiscard]] Status Add(std::string_view block, const HeldStep* base);
+  /// Puts a block's coefficients in their places; returns how many. `base` is what differences are
+  /// from, or null. DATA_LOSS for bytes that are no block of this step, FAILED_PRECONDITION for
+  /// differences that are not from `base`.
+  [[nodiscard]] StatusOr<int64_t> Add(std::string_view block, const HeldStep* base);
 
   /// Every coefficient of C(fovea, rate) is here.
   void Complete(const Fovea& fovea);
