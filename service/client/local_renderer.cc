@@ -1,16 +1,22 @@
 #include "service/client/local_renderer.h"
 
 #include <algorithm>
+#include <chrono>
+#include <thread>
 
 #include "engine/fovea/coefficient_source.h"
 #include "engine/store/stored_type.h"
 #include "engine/volume/basis.h"
 #include "service/frames/frames.h"
+#include "service/wire/status.h"
 
 namespace fovea::client {
 namespace {
 
 using coefficients::HeldStep;
+
+/// A stream waits this long, at most, where the server says when it will have room again.
+constexpr auto kLongestRetry = std::chrono::seconds(10);
 
 /// What a server sent cannot be: its fault, whatever it is called where it was found.
 Status Blame(const Status& status) {
@@ -142,8 +148,13 @@ Status LocalRenderer::FetchOnce(wire::CoefficientsRequest request, const OnGrowt
     if (status.ok() && !progress_.complete) {
       return Internal("the server ended a stream of coefficients before all had come");
     }
-    if (!absl::IsUnavailable(status) || next_index_ == before) {
+    const auto retry = wire::RetryDelayOf(status);
+    const bool above_quota = absl::IsResourceExhausted(status) && retry && *retry <= kLongestRetry;
+    if (!(absl::IsUnavailable(status) || above_quota) || next_index_ == before) {
       return status;
+    }
+    if (above_quota) {
+      std::this_thread::sleep_for(*retry);
     }
     // The rest in the same way as what came, also where defaults have changed since.
     request.spec = set_->used;
