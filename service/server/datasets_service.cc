@@ -7,6 +7,7 @@
 #include <spdlog/spdlog.h>
 
 #include "service/server/admission.h"
+#include "service/server/frame_job.h"
 #include "service/server/unary_call.h"
 #include "service/server/watch_stream.h"
 #include "service/wire/convert.h"
@@ -73,6 +74,23 @@ class WatchReactor final : public grpc::ServerWriteReactor<v1::DatasetEvent>, pu
   const std::shared_ptr<WatchStream> stream_;
 };
 
+StatusOr<v1::Histogram> CountValues(Catalogue& catalogue, const wire::HistogramRequest& request) {
+  FOVEA_ASSIGN_OR_RETURN(const auto served, catalogue.Find(request.dataset));
+  store::Dataset& dataset = served->dataset();
+  FOVEA_ASSIGN_OR_RETURN(const int64_t step,
+                         ChooseStep(request.dataset, dataset, request.step, request.time_ns));
+  const std::string field = request.field.value_or(dataset.info().default_field);
+  FOVEA_ASSIGN_OR_RETURN(const FieldStats stats, dataset.Stats(step, field));
+  v1::Histogram histogram;
+  histogram.set_dataset(request.dataset);
+  histogram.set_field(field);
+  histogram.set_step(static_cast<uint64_t>(step));
+  histogram.set_minimum(stats.minimum);
+  histogram.set_maximum(stats.maximum);
+  histogram.mutable_counts()->Add(stats.histogram.begin(), stats.histogram.end());
+  return histogram;
+}
+
 }  // namespace
 
 grpc::ServerUnaryReactor* DatasetsService::ListDatasets(grpc::CallbackServerContext* context,
@@ -114,6 +132,25 @@ grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContex
 grpc::ServerWriteReactor<v1::DatasetEvent>* DatasetsService::WatchDataset(
     grpc::CallbackServerContext* context, const v1::WatchDatasetRequest* request) {
   return new WatchReactor(services_, *context, *request);  // deletes itself
+}
+
+grpc::ServerUnaryReactor* DatasetsService::GetHistogram(grpc::CallbackServerContext* context,
+                                                        const v1::GetHistogramRequest* request,
+                                                        v1::Histogram* response) {
+  const auto call = UnaryCall<v1::Histogram>::Start(
+      services_, *context, "GetHistogram",
+      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
+      response);
+  auto parsed = wire::FromProto(*request);
+  if (!parsed.ok()) {
+    call->Complete(parsed.status());
+    return call.get();
+  }
+  call->Enqueue(services_.lookups, 0,
+                [call, &services = services_, request = *std::move(parsed)](int) {
+                  call->Complete(CountValues(*services.catalogue, request));
+                });
+  return call.get();
 }
 
 }  // namespace fovea::server

@@ -33,6 +33,15 @@ Status CheckCost(int64_t pixels, int64_t super_voxels, const frames::FrameSpec& 
 
 }  // namespace
 
+StatusOr<int64_t> ChooseStep(const std::string& dataset_name, store::Dataset& dataset,
+                             uint64_t step, std::optional<int64_t> time_ns) {
+  if (time_ns) {
+    return frames::StepAtTime(dataset, *time_ns);
+  }
+  FOVEA_RETURN_IF_ERROR(wire::CheckStep(dataset_name, step, dataset.info().committed_steps));
+  return static_cast<int64_t>(step);
+}
+
 StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset,
                                 const frames::FrameSpec& spec) {
   FrameJob job;

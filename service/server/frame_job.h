@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "engine/base/status.h"
@@ -24,6 +25,11 @@ struct FrameJob {
   int64_t render_bytes = 0;  // memory while it is rendered
   int64_t reply_bytes = 0;   // an upper bound of the encoded frame
 };
+
+/// The step that a request names: the last one not after `time_ns`, else `step`. OUT_OF_RANGE,
+/// saying which there are.
+[[nodiscard]] StatusOr<int64_t> ChooseStep(const std::string& dataset_name, store::Dataset& dataset,
+                                           uint64_t step, std::optional<int64_t> time_ns);
 
 /// Looks the dataset up, fills in its defaults, and checks what the frame will cost. Reads the
 /// disk. RESOURCE_EXHAUSTED, with the limit, for a frame above the limits.

@@ -4,10 +4,13 @@
 #include <utility>
 
 #include "service/frames/frames.h"
+#include "service/frames/plan.h"
 #include "service/server/admission.h"
 #include "service/server/frame_job.h"
 #include "service/server/sequence_stream.h"
 #include "service/server/unary_call.h"
+#include "service/server/view_reactors.h"
+#include "service/wire/convert.h"
 #include "service/wire/requests.h"
 #include "service/wire/status.h"
 
@@ -18,15 +21,6 @@ using FrameCall = UnaryCall<v1::Frame>;
 
 /// A reply and the bytes that gRPC makes of it.
 constexpr int64_t kFramesHeld = 2;
-
-StatusOr<int64_t> StepOf(const wire::FrameRequest& request, store::Dataset& dataset) {
-  if (request.time_ns) {
-    return frames::StepAtTime(dataset, *request.time_ns);
-  }
-  FOVEA_RETURN_IF_ERROR(
-      wire::CheckStep(request.dataset, request.step, dataset.info().committed_steps));
-  return static_cast<int64_t>(request.step);
-}
 
 struct Rendering {
   FrameJob job;
@@ -39,7 +33,9 @@ StatusOr<Rendering> Prepare(Services& services, const wire::FrameRequest& reques
   Rendering rendering;
   FOVEA_ASSIGN_OR_RETURN(rendering.job,
                          PrepareFrame(*services.catalogue, request.dataset, request.spec));
-  FOVEA_ASSIGN_OR_RETURN(rendering.step, StepOf(request, rendering.job.dataset->dataset()));
+  FOVEA_ASSIGN_OR_RETURN(
+      rendering.step,
+      ChooseStep(request.dataset, rendering.job.dataset->dataset(), request.step, request.time_ns));
   FOVEA_ASSIGN_OR_RETURN(auto reservation,
                          services.replies.Reserve(kFramesHeld * rendering.job.reply_bytes));
   call.Hold(std::move(reservation));
@@ -61,6 +57,24 @@ void PrepareAndRender(Services& services, const wire::FrameRequest& request,
                   services.frames_rendered.fetch_add(1, std::memory_order_relaxed);
                   call->Complete(std::move(frame));
                 });
+}
+
+StatusOr<v1::FramePlan> Plan(Services& services, const wire::PlanRequest& request) {
+  FOVEA_ASSIGN_OR_RETURN(const auto served, services.catalogue->Find(request.frame.dataset));
+  store::Dataset& dataset = served->dataset();
+  FOVEA_RETURN_IF_ERROR(wire::CheckStep(request.frame.dataset, 0, dataset.info().committed_steps));
+  FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, served->DefaultSpec());
+  auto resolved = frames::ResolveSpec(dataset, request.frame.spec, defaults);
+  FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(resolved.status(), "spec"));
+  FOVEA_ASSIGN_OR_RETURN(const int64_t step, ChooseStep(request.frame.dataset, dataset,
+                                                        request.frame.step, request.frame.time_ns));
+  const int threads = services.renders.threads();
+  FOVEA_ASSIGN_OR_RETURN(
+      const frames::FramePlan plan,
+      request.budget.IsEmpty()
+          ? frames::PlanFrame(dataset, step, *resolved, threads)
+          : frames::PlanWithin(dataset, step, *resolved, request.budget, threads));
+  return wire::ToProto(request.frame.dataset, step, plan);
 }
 
 /// A SequenceStream on gRPC. Deletes itself when gRPC is done with it; the stream lives on for as
@@ -133,6 +147,35 @@ grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext
 grpc::ServerWriteReactor<v1::Frame>* RenderService::RenderSequence(
     grpc::CallbackServerContext* context, const v1::RenderSequenceRequest* request) {
   return new SequenceReactor(services_, *context, *request);  // deletes itself
+}
+
+grpc::ServerWriteReactor<v1::Frame>* RenderService::RefineFrame(
+    grpc::CallbackServerContext* context, const v1::RefineFrameRequest* request) {
+  return StartRefineFrame(services_, *context, *request);
+}
+
+grpc::ServerBidiReactor<v1::ExploreRequest, v1::Frame>* RenderService::Explore(
+    grpc::CallbackServerContext* context) {
+  return StartExplore(services_, *context);
+}
+
+grpc::ServerUnaryReactor* RenderService::PlanFrame(grpc::CallbackServerContext* context,
+                                                   const v1::PlanFrameRequest* request,
+                                                   v1::FramePlan* response) {
+  const auto call = UnaryCall<v1::FramePlan>::Start(
+      services_, *context, "PlanFrame",
+      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
+      response);
+  auto parsed = wire::FromProto(*request);
+  if (!parsed.ok()) {
+    call->Complete(parsed.status());
+    return call.get();
+  }
+  call->Enqueue(services_.lookups, 0,
+                [call, &services = services_, request = *std::move(parsed)](int) {
+                  call->Complete(Plan(services, request));
+                });
+  return call.get();
 }
 
 /// Also while the server drains: the streams that still run need it. Waits for nothing, so it is

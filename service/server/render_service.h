@@ -16,6 +16,13 @@ class RenderService final : public v1::Render::CallbackService {
                                         v1::Frame* response) override;
   grpc::ServerWriteReactor<v1::Frame>* RenderSequence(
       grpc::CallbackServerContext* context, const v1::RenderSequenceRequest* request) override;
+  grpc::ServerWriteReactor<v1::Frame>* RefineFrame(grpc::CallbackServerContext* context,
+                                                   const v1::RefineFrameRequest* request) override;
+  grpc::ServerBidiReactor<v1::ExploreRequest, v1::Frame>* Explore(
+      grpc::CallbackServerContext* context) override;
+  grpc::ServerUnaryReactor* PlanFrame(grpc::CallbackServerContext* context,
+                                      const v1::PlanFrameRequest* request,
+                                      v1::FramePlan* response) override;
   grpc::ServerUnaryReactor* Acknowledge(grpc::CallbackServerContext* context,
                                         const v1::AcknowledgeRequest* request,
                                         v1::AcknowledgeResponse* response) override;

@@ -30,6 +30,7 @@ class WorkPool {
   using Ticket = uint64_t;
 
   explicit WorkPool(Limits limits);
+  [[nodiscard]] int threads() const { return limits_.threads; }
   /// Drops what waits, and returns when what runs is done.
   ~WorkPool();
   WorkPool(const WorkPool&) = delete;

@@ -1,12 +1,15 @@
 #ifndef SERVICE_WIRE_CONVERT_H_
 #define SERVICE_WIRE_CONVERT_H_
 
+#include <cstdint>
+#include <string>
 #include <string_view>
 
 #include "engine/base/status.h"
 #include "fovea/v1/datasets.pb.h"
 #include "fovea/v1/render.pb.h"
 #include "fovea/v1/types.pb.h"
+#include "service/frames/plan.h"
 #include "service/frames/spec.h"
 #include "service/wire/dataset_summary.h"
 
@@ -40,6 +43,9 @@ inline constexpr int kMaxRequestMessageBytes = 1 << 20;
 /// For clients. INTERNAL if the size of the pixels is not what size and encoding say, or a value
 /// is outside what the proto promises.
 [[nodiscard]] StatusOr<frames::Frame> FromProto(v1::Frame proto);
+
+[[nodiscard]] v1::FramePlan ToProto(const std::string& dataset, int64_t step,
+                                    const frames::FramePlan& plan);
 
 [[nodiscard]] v1::Dataset ToProto(const DatasetSummary& summary);
 /// For clients. INTERNAL as above.

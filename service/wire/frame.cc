@@ -130,4 +130,25 @@ StatusOr<frames::Frame> FromProto(v1::Frame proto) {
   return frame;
 }
 
+v1::FramePlan ToProto(const std::string& dataset, int64_t step, const frames::FramePlan& plan) {
+  v1::FramePlan proto;
+  proto.set_dataset(dataset);
+  proto.set_step(static_cast<uint64_t>(step));
+  *proto.mutable_used() = ToProto(plan.used);
+  proto.set_coefficients(plan.coefficients);
+  proto.set_super_voxels(static_cast<uint64_t>(plan.counts.super_voxels));
+  proto.set_samples(static_cast<uint64_t>(plan.counts.samples));
+  proto.set_chunks_read(plan.chunks_read);
+  proto.set_chunks_total(plan.chunks_total);
+  proto.set_bytes_read(plan.bytes_read);
+  proto.set_memory_bytes(static_cast<uint64_t>(plan.counts.memory_bytes));
+  proto.set_threads(static_cast<uint32_t>(plan.threads));
+  proto.set_read_ms(plan.time.read_ms);
+  proto.set_reconstruct_ms(plan.time.reconstruct_ms);
+  proto.set_render_ms(plan.time.render_ms);
+  proto.set_smooth_warp_ms(plan.time.smooth_warp_ms);
+  proto.set_total_ms(plan.time.Total());
+  return proto;
+}
+
 }  // namespace fovea::wire

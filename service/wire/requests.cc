@@ -1,6 +1,8 @@
 #include "service/wire/requests.h"
 
 #include <algorithm>
+#include <cmath>
+#include <string_view>
 
 #include "service/wire/convert.h"
 #include "service/wire/status.h"
@@ -28,6 +30,17 @@ Status CheckPacing(const v1::RenderSequenceRequest& proto) {
                     fmt::format("'{}' is not 16 to 64 of A-Z a-z 0-9 _ -; a window above 0 needs a "
                                 "random one, to acknowledge by",
                                 Printable(id)));
+  }
+  return absl::OkStatus();
+}
+
+Status TakeLimit(std::string_view field, bool is_given, uint64_t value,
+                 std::optional<uint64_t>* limit) {
+  if (is_given && value == 0) {
+    return BadField(field, "0 is outside its range, from 1");
+  }
+  if (is_given) {
+    *limit = value;
   }
   return absl::OkStatus();
 }
@@ -80,6 +93,46 @@ StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto) {
   request.start_index = proto.start_index();
   request.window = proto.window();
   request.stream_id = proto.stream_id();
+  return request;
+}
+
+StatusOr<PlanRequest> FromProto(const v1::PlanFrameRequest& proto) {
+  FOVEA_RETURN_IF_ERROR(CheckDatasetName(proto.dataset()));
+  PlanRequest request;
+  request.frame.dataset = proto.dataset();
+  request.frame.step = proto.step();
+  if (proto.has_time_ns()) {
+    request.frame.time_ns = proto.time_ns();
+  }
+  FOVEA_ASSIGN_OR_RETURN(request.frame.spec, FromProto(proto.spec(), "spec"));
+  const v1::FrameBudget& budget = proto.budget();
+  if (budget.has_total_ms()) {
+    if (!(budget.total_ms() > 0) || !std::isfinite(budget.total_ms())) {
+      return BadField("budget.total_ms",
+                      fmt::format("{} is not finite and above 0", budget.total_ms()));
+    }
+    request.budget.ms = budget.total_ms();
+  }
+  FOVEA_RETURN_IF_ERROR(TakeLimit("budget.memory_bytes", budget.has_memory_bytes(),
+                                  budget.memory_bytes(), &request.budget.memory_bytes));
+  FOVEA_RETURN_IF_ERROR(TakeLimit("budget.bytes_read", budget.has_bytes_read(), budget.bytes_read(),
+                                  &request.budget.bytes_read));
+  FOVEA_RETURN_IF_ERROR(TakeLimit("budget.coefficients", budget.has_coefficients(),
+                                  budget.coefficients(), &request.budget.coefficients));
+  return request;
+}
+
+StatusOr<HistogramRequest> FromProto(const v1::GetHistogramRequest& proto) {
+  FOVEA_RETURN_IF_ERROR(CheckDatasetName(proto.dataset()));
+  HistogramRequest request;
+  request.dataset = proto.dataset();
+  request.step = proto.step();
+  if (proto.has_time_ns()) {
+    request.time_ns = proto.time_ns();
+  }
+  if (proto.has_field()) {
+    request.field = proto.field();
+  }
   return request;
 }
 

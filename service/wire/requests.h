@@ -9,6 +9,7 @@
 #include "engine/base/status.h"
 #include "fovea/v1/datasets.pb.h"
 #include "fovea/v1/render.pb.h"
+#include "service/frames/plan.h"
 #include "service/frames/spec.h"
 
 /// Requests as plain structs, checked: what can be told without looking at a dataset has been. All
@@ -39,6 +40,18 @@ struct SequenceRequest {
   bool newest = false;    // the range is the last step alone, instead of from `first` on
 };
 
+struct PlanRequest {
+  FrameRequest frame;
+  frames::FrameBudget budget;
+};
+
+struct HistogramRequest {
+  std::string dataset;
+  uint64_t step = 0;
+  std::optional<int64_t> time_ns;    // instead of the step
+  std::optional<std::string> field;  // default: the default field
+};
+
 struct ListRequest {
   uint32_t page_size = kDefaultPageSize;
   std::string after;  // names up to this one have been listed
@@ -52,6 +65,8 @@ struct WatchRequest {
 
 [[nodiscard]] StatusOr<FrameRequest> FromProto(const v1::RenderFrameRequest& proto);
 [[nodiscard]] StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto);
+[[nodiscard]] StatusOr<PlanRequest> FromProto(const v1::PlanFrameRequest& proto);
+[[nodiscard]] StatusOr<HistogramRequest> FromProto(const v1::GetHistogramRequest& proto);
 [[nodiscard]] StatusOr<ListRequest> FromProto(const v1::ListDatasetsRequest& proto);
 [[nodiscard]] StatusOr<WatchRequest> FromProto(const v1::WatchDatasetRequest& proto);
 

@@ -1,0 +1,102 @@
+#include "service/server/view_reactors.h"
+
+#include <memory>
+#include <utility>
+
+#include "service/server/admission.h"
+#include "service/server/view_stream.h"
+#include "service/wire/status.h"
+
+namespace fovea::server {
+namespace {
+
+/// What both share: a reactor that can write frames, and the stream behind it.
+template <typename Reactor>
+class FrameReactor : public Reactor, public FrameSink {
+ public:
+  FrameReactor(Services& services, const char* method)
+      : stream_(std::make_shared<ViewStream>(services, *this, method)) {}
+
+  void Write(const v1::Frame& frame) override { this->StartWrite(&frame); }
+  void Finish(const Status& status) override { Reactor::Finish(wire::ToGrpc(status)); }
+  void OnWriteDone(bool ok) override { stream_->OnWriteDone(ok); }
+  void OnCancel() override { stream_->OnCancel(); }
+  void OnDone() override { delete this; }
+
+ protected:
+  /// Whether the call was let in; it is over if not.
+  bool Enter(Services& services, const grpc::CallbackServerContext& context, const Ask& ask) {
+    auto admission = Admit(services, context, ask);
+    if (!admission.ok()) {
+      stream_->Start(admission.status());
+      return false;
+    }
+    admission_ = *std::move(admission);
+    stream_->Start(admission_.caller);
+    return true;
+  }
+
+  const std::shared_ptr<ViewStream> stream_;
+
+ private:
+  Admission admission_;
+};
+
+class RefineReactor final : public FrameReactor<grpc::ServerWriteReactor<v1::Frame>> {
+ public:
+  RefineReactor(Services& services, const grpc::CallbackServerContext& context,
+                const v1::RefineFrameRequest& request)
+      : FrameReactor(services, "RefineFrame") {
+    if (!Enter(services, context,
+               {.dataset = request.dataset(),
+                .bytes_in = static_cast<int64_t>(request.ByteSizeLong()),
+                .stream = true})) {
+      return;
+    }
+    auto view = wire::FromProto(request);
+    if (view.ok()) {
+      stream_->OnView(*std::move(view));
+      stream_->OnNoMoreViews();
+    } else {
+      stream_->OnError(view.status());
+    }
+  }
+};
+
+class ExploreReactor final
+    : public FrameReactor<grpc::ServerBidiReactor<v1::ExploreRequest, v1::Frame>> {
+ public:
+  ExploreReactor(Services& services, const grpc::CallbackServerContext& context)
+      : FrameReactor(services, "Explore") {
+    if (Enter(services, context, {.stream = true})) {
+      StartRead(&request_);
+    }
+  }
+
+  void OnReadDone(bool ok) override {
+    if (!ok) {
+      stream_->OnNoMoreViews();
+      return;
+    }
+    stream_->OnExploreRequest(request_);
+    StartRead(&request_);
+  }
+
+ private:
+  v1::ExploreRequest request_;  // gRPC's while a read is under way
+};
+
+}  // namespace
+
+grpc::ServerWriteReactor<v1::Frame>* StartRefineFrame(Services& services,
+                                                      const grpc::CallbackServerContext& context,
+                                                      const v1::RefineFrameRequest& request) {
+  return new RefineReactor(services, context, request);
+}
+
+grpc::ServerBidiReactor<v1::ExploreRequest, v1::Frame>* StartExplore(
+    Services& services, const grpc::CallbackServerContext& context) {
+  return new ExploreReactor(services, context);
+}
+
+}  // namespace fovea::server
