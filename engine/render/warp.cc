@@ -84,6 +84,12 @@ class SmoothLine {
                       static_cast<double>(level.rect.v0) + to_tap);
   }
 
+  /// Whether the level has the taps of all these columns.
+  [[nodiscard]] bool Holds(const Columns& columns) const {
+    const int64_t rows = level_->rect.Height() + 2 * SmoothLevel::kBorder;
+    return line_.StaysWithin(columns, 1, level_->stride - 1, rows - 1);
+  }
+
   [[nodiscard]] bool IsVoxelWide() const { return level_->width == 1; }
 
   /// The level's weighted value at a column, and its weight. Whether it has any.
@@ -108,8 +114,12 @@ class SmoothRow {
       // How far a level has weight beyond its edge.
       const auto width = static_cast<double>(level.width);
       const double reach = level.basis == Basis::kBilinear ? width / 2 : width;
-      columns_[count_] = Intersect(drawn, line.Within(level.rect, width, reach));
+      const Columns& coarser = count_ > 0 ? columns_[count_ - 1] : drawn;
+      columns_[count_] = Intersect(coarser, line.Within(level.rect, width, reach));
       lines_[count_] = SmoothLine(level, line, columns_[count_]);
+      if (!lines_[count_].Holds(columns_[count_])) {
+        columns_[count_] = {};
+      }
       ++count_;
     }
   }
@@ -172,6 +182,9 @@ class LeafRow {
     }
     voxels_ = FixedLine(line, columns_[0].begin, 1, static_cast<double>(sheet.u0) + 0.5,
                         static_cast<double>(sheet.v0) + 0.5);
+    if (!voxels_.StaysWithin(columns_[0], -16, sheet.Width() + 16, sheet.Height() + 16)) {
+      columns_ = {};
+    }
   }
 
   void Draw(float* row) const {

@@ -80,6 +80,14 @@ class FixedLine {
         dy_(Fixed(line.dv / pixel)),
         first_(first) {}
 
+  /// Whether all of these columns, from `first` on, lie on pixels `low` to below `high_u`,
+  /// `high_v`. A view from far away can be so steep that rounding moves a column by many pixels.
+  [[nodiscard]] bool StaysWithin(const Columns& columns, int64_t low, int64_t high_u,
+                                 int64_t high_v) const {
+    return columns.begin >= columns.end ||
+           (HasBetween(columns, x_, dx_, low, high_u) && HasBetween(columns, y_, dy_, low, high_v));
+  }
+
   [[nodiscard]] Point At(int64_t column) const {
     const int64_t x = x_ + dx_ * (column - first_);
     const int64_t y = y_ + dy_ * (column - first_);
@@ -87,6 +95,18 @@ class FixedLine {
   }
 
  private:
+  /// Both ends, as what lies between them does so too. In 128 bits, where nothing overflows.
+  [[nodiscard]] bool HasBetween(const Columns& columns, int64_t at, int64_t step, int64_t low,
+                                int64_t high) const {
+    for (const int64_t column : {columns.begin, columns.end - 1}) {
+      const __int128 place = at + static_cast<__int128>(step) * (column - first_);
+      if (place < static_cast<__int128>(low) * (int64_t{1} << 32) ||
+          place >= static_cast<__int128>(high) * (int64_t{1} << 32)) {
+        return false;
+      }
+    }
+    return true;
+  }
   static int64_t Fixed(double value) {
     constexpr double kRange = int64_t{1} << 30;  // a longer step leaves any level at once
     return static_cast<int64_t>(std::floor(std::clamp(value, -kRange, kRange) * 0x1p32 + 0.5));
