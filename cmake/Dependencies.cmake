@@ -9,6 +9,8 @@ find_package(TBB 2021 CONFIG REQUIRED)        # before OpenVDB, whose FindTBB th
 find_package(fmt 9 CONFIG REQUIRED)
 find_package(spdlog 1.10 CONFIG REQUIRED)
 find_package(CLI11 2.1 CONFIG REQUIRED)
+pkg_check_modules(PROMETHEUS REQUIRED IMPORTED_TARGET GLOBAL prometheus-cpp-core>=1.0)   # /metrics
+pkg_check_modules(HTTPLIB REQUIRED IMPORTED_TARGET GLOBAL cpp-httplib>=0.11)   # the admin port
 find_package(nlohmann_json 3.11 CONFIG REQUIRED)
 find_package(zstd 1.5 CONFIG REQUIRED)
 find_package(hwy 1.0.3 CONFIG REQUIRED)       # Highway: SIMD chosen at run time

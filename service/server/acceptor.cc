@@ -109,8 +109,17 @@ void Acceptor::AcceptAll(int listener) {
   }
 }
 
+int Acceptor::CountOpen() {
+  const std::lock_guard lock(table_mutex_);
+  return table_.CountOpen();
+}
+
 void Acceptor::Take(int listener, int fd, const sockaddr_storage& peer) {
-  switch (table_.Add(fd, peer)) {
+  const auto verdict = [&] {
+    const std::lock_guard lock(table_mutex_);
+    return table_.Add(fd, peer);
+  }();
+  switch (verdict) {
     case ConnectionTable::Verdict::kAdmitted:
       ++accepted_;
       on_connection_(listener, fd);

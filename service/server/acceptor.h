@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <thread>
 #include <vector>
 
@@ -40,6 +41,8 @@ class Acceptor {
   Acceptor& operator=(const Acceptor&) = delete;
 
   [[nodiscard]] Counts counts() const;
+  /// Connections that are open now. Asks the kernel about each.
+  [[nodiscard]] int CountOpen();
 
  private:
   Acceptor(std::vector<Descriptor> listeners, ConnectionTable::Limits limits,
@@ -57,8 +60,9 @@ class Acceptor {
   const OnConnection on_connection_;
   const Descriptor wake_;  // readable when the thread is to stop
   std::atomic<uint64_t> accepted_ = 0, over_total_ = 0, over_address_ = 0, out_of_descriptors_ = 0;
+  std::mutex table_mutex_;
+  ConnectionTable table_;  // guarded by table_mutex_
   // The thread's own.
-  ConnectionTable table_;
   Descriptor spare_;
   Counts logged_;
   std::chrono::steady_clock::time_point logged_at_;

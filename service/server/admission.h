@@ -27,9 +27,14 @@ struct Ask {
 /// A call that was let in, and its place among those that run; given back when it goes. Movable.
 struct Admission {
   std::shared_ptr<access::Caller> caller;  // never null: what it may do, and its quotas
+  std::string client;                      // ClientOf: who shares the server fairly with others
   CallTracker::Slot slot;
   access::Caller::Stream stream;
 };
+
+/// Whose call it is, as far as sharing goes: "token:NAME", or without tokens the address, of IPv6
+/// its first half (a site has all of the second). `peer` is as gRPC has it.
+[[nodiscard]] std::string ClientOf(const access::Caller& caller, const std::string& peer);
 
 /// The one way into every method of fovea.v1, before anything else is done. UNAVAILABLE while the
 /// server drains; UNAUTHENTICATED without a token that it knows, if it asks for tokens;

@@ -51,6 +51,11 @@ class CallTracker {
     draining_ = true;
   }
 
+  [[nodiscard]] bool draining() {
+    const std::lock_guard lock(mutex_);
+    return draining_;
+  }
+
   /// Waits until no call runs, or for `limit`; returns how many still do.
   int64_t WaitIdle(std::chrono::milliseconds limit) {
     std::unique_lock lock(mutex_);

@@ -113,7 +113,6 @@ void CoefficientStream::SubmitMake(int64_t index) {
 }
 
 void CoefficientStream::End(const Status& status) {
-  LogOutcome("StreamCoefficients", request_.dataset, status, watch_.ElapsedMs());
   sink_.Finish(services_.catalogue->WithoutRoot(status));
 }
 

@@ -6,7 +6,6 @@
 #include <mutex>
 
 #include "engine/base/status.h"
-#include "engine/base/stopwatch.h"
 #include "fovea/v1/coefficients.pb.h"
 #include "service/access/gate.h"
 #include "service/server/coefficient_job.h"
@@ -55,7 +54,6 @@ class CoefficientStream final : public std::enable_shared_from_this<CoefficientS
 
   Services& services_;
   BlockSink& sink_;
-  const Stopwatch watch_;
   std::shared_ptr<access::Caller> caller_;  // not changed after Start; null if it was not let in
   wire::CoefficientsRequest request_;       // not changed after Start
   // Written by Prepare; then used by one Make at a time.

@@ -97,8 +97,7 @@ grpc::ServerUnaryReactor* DatasetsService::ListDatasets(grpc::CallbackServerCont
                                                         const v1::ListDatasetsRequest* request,
                                                         v1::ListDatasetsResponse* response) {
   const auto call = UnaryCall<v1::ListDatasetsResponse>::Start(
-      services_, *context, "ListDatasets",
-      {.bytes_in = static_cast<int64_t>(request->ByteSizeLong())}, response);
+      services_, *context, {.bytes_in = static_cast<int64_t>(request->ByteSizeLong())}, response);
   auto parsed = wire::FromProto(*request);
   if (!parsed.ok()) {
     call->Complete(parsed.status());
@@ -115,7 +114,7 @@ grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContex
                                                       const v1::GetDatasetRequest* request,
                                                       v1::Dataset* response) {
   const auto call = UnaryCall<v1::Dataset>::Start(
-      services_, *context, "GetDataset",
+      services_, *context,
       {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
       response);
   if (const Status named = wire::CheckDatasetName(request->dataset()); !named.ok()) {
@@ -138,7 +137,7 @@ grpc::ServerUnaryReactor* DatasetsService::GetHistogram(grpc::CallbackServerCont
                                                         const v1::GetHistogramRequest* request,
                                                         v1::Histogram* response) {
   const auto call = UnaryCall<v1::Histogram>::Start(
-      services_, *context, "GetHistogram",
+      services_, *context,
       {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
       response);
   auto parsed = wire::FromProto(*request);

@@ -143,7 +143,6 @@ void LiveStream::Act() {
     if (std::exchange(counted_, false)) {
       --services_.live_streams;
     }
-    LogOutcome("StreamReadings", spec_.dataset, *actions.finish, watch_.ElapsedMs());
     peer_.Finish(services_.catalogue->WithoutRoot(*actions.finish));
     return;
   }

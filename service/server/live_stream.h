@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "engine/base/status.h"
-#include "engine/base/stopwatch.h"
 #include "fovea/v1/ingest.pb.h"
 #include "service/access/gate.h"
 #include "service/server/live_ingest.h"
@@ -81,7 +80,6 @@ class LiveStream final : public StepListener, public std::enable_shared_from_thi
 
   Services& services_;
   ReadingsPeer& peer_;
-  const Stopwatch watch_;
   std::shared_ptr<access::Caller> caller_;  // not changed after Start
   // The working job's own; there is one at a time.
   std::unique_ptr<LiveIngest> ingest_;

@@ -7,11 +7,11 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <signal.h>
-#include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include "engine/base/status.h"
 #include "service/server/acceptor.h"
+#include "service/server/log.h"
 #include "service/server/server.h"
 
 namespace fovea::server {
@@ -37,6 +37,7 @@ struct Flags {
   ServerOptions server;
   int drain_seconds = 30;
   std::string log_level = "info";
+  std::string log_format = "text";
 };
 
 void AddFlags(CLI::App& app, Flags* flags) {
@@ -45,6 +46,13 @@ void AddFlags(CLI::App& app, Flags* flags) {
       ->required();
   app.add_option("--listen", flags->server.listen, "HOST:PORT; port 0 takes any free one")
       ->capture_default_str();
+  app.add_option(
+         "--admin", flags->server.admin,
+         "Serve /livez, /readyz and /metrics over HTTP here; loopback only, unless told otherwise")
+      ->type_name("HOST:PORT");
+  app.add_flag("--admin-any-address", flags->server.admin_any_address,
+               "Allow an --admin address that other machines can reach: it asks nobody who they "
+               "are");
   app.add_option("--threads", flags->server.threads, "Threads that render; 0: all processors")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
@@ -87,13 +95,9 @@ void AddFlags(CLI::App& app, Flags* flags) {
   app.add_option("--log-level", flags->log_level, "trace, debug, info, warn, err or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "err", "off"}))
       ->capture_default_str();
-}
-
-void SetUpLog(const std::string& level) {
-  auto logger = spdlog::stderr_logger_mt("fovead");
-  logger->set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %^%l%$ %v");
-  logger->set_level(spdlog::level::from_str(level));
-  spdlog::set_default_logger(logger);
+  app.add_option("--log-format", flags->log_format, "text, or json: one object a line")
+      ->check(CLI::IsMember({"text", "json"}))
+      ->capture_default_str();
 }
 
 /// The signals that stop a server, blocked in every thread so that main can wait for them.
@@ -132,6 +136,9 @@ int Serve(const Flags& flags) {
     return absl::IsInvalidArgument(server.status()) ? kExitUsage : kExitFailed;
   }
   fmt::print("fovead listening on grpc {}\n", (*server)->address());
+  if (const std::string admin = (*server)->admin_address(); !admin.empty()) {
+    fmt::print("fovead admin on http {}\n", admin);
+  }
   std::fflush(stdout);
   spdlog::info("serving {} datasets below '{}' on {}", (*server)->dataset_count(),
                flags.server.root, (*server)->address());
@@ -156,7 +163,7 @@ int Main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : kExitUsage;
   }
-  SetUpLog(flags.log_level);
+  SetUpLog(flags.log_level, flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
   return Serve(flags);
 }
 

@@ -45,6 +45,7 @@ class MemoryBudget {
   [[nodiscard]] StatusOr<Reservation> Reserve(int64_t bytes) {
     const std::lock_guard lock(mutex_);
     if (bytes > limit_bytes_ - used_bytes_) {
+      ++refused_;
       constexpr auto kRetry = std::chrono::seconds(1);
       Status full = ResourceExhausted(
           "frames being made or sent already take {} MiB, and this call needs {} MiB more; the "
@@ -57,6 +58,16 @@ class MemoryBudget {
     return Reservation(this, bytes);
   }
 
+  [[nodiscard]] int64_t limit_bytes() const { return limit_bytes_; }
+  [[nodiscard]] int64_t used_bytes() {
+    const std::lock_guard lock(mutex_);
+    return used_bytes_;
+  }
+  [[nodiscard]] uint64_t refused() {
+    const std::lock_guard lock(mutex_);
+    return refused_;
+  }
+
  private:
   void Release(int64_t bytes) {
     const std::lock_guard lock(mutex_);
@@ -66,6 +77,7 @@ class MemoryBudget {
   const int64_t limit_bytes_;
   std::mutex mutex_;
   int64_t used_bytes_ = 0;  // guarded by mutex_
+  uint64_t refused_ = 0;    // likewise
 };
 
 }  // namespace fovea::server

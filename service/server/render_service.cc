@@ -129,7 +129,7 @@ grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext
                                                      const v1::RenderFrameRequest* request,
                                                      v1::Frame* response) {
   const auto call = FrameCall::Start(
-      services_, *context, "RenderFrame",
+      services_, *context,
       {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
       response);
   auto parsed = wire::FromProto(*request);
@@ -163,7 +163,7 @@ grpc::ServerUnaryReactor* RenderService::PlanFrame(grpc::CallbackServerContext* 
                                                    const v1::PlanFrameRequest* request,
                                                    v1::FramePlan* response) {
   const auto call = UnaryCall<v1::FramePlan>::Start(
-      services_, *context, "PlanFrame",
+      services_, *context,
       {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
       response);
   auto parsed = wire::FromProto(*request);

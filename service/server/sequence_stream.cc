@@ -83,6 +83,7 @@ void SequenceStream::Render(int64_t index, int threads) {
   Handle([&](SequencePacer& pacer) {
     if (frame.ok()) {
       ready_ = *std::move(frame);
+      ready_asked_ = asked_;
     }
     return pacer.OnRendered(frame.status());
   });
@@ -95,6 +96,7 @@ void SequenceStream::Handle(const std::function<SequencePacer::Actions(SequenceP
     actions = event(pacer_);
     if (actions.write) {
       writing_ = std::move(ready_);
+      counters_.FrameAged(ready_asked_.ElapsedMs() / 1e3);
     }
   }
   Act(std::move(actions));
@@ -120,6 +122,7 @@ void SequenceStream::SubmitRender(int64_t index) {
     if (pacer_.over()) {
       return;
     }
+    asked_ = Stopwatch();
     // Only the first frame of a stream asks to be let in.
     if (index == static_cast<int64_t>(request_.start_index)) {
       const auto ticket = services_.renders.Submit(job_.render_bytes, std::move(job));
@@ -138,7 +141,6 @@ void SequenceStream::End(const Status& status) {
   if (registered_) {
     services_.streams.Remove(caller_->name(), request_.stream_id);
   }
-  LogOutcome("RenderSequence", request_.dataset, status, watch_.ElapsedMs());
   sink_.Finish(services_.catalogue->WithoutRoot(status));
 }
 

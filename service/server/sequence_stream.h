@@ -36,7 +36,10 @@ class SequenceStream final : public AcknowledgedStream,
  public:
   /// `sink` must live until its Finish is called. Use std::make_shared.
   SequenceStream(Services& services, FrameSink& sink, uint32_t window)
-      : services_(services), sink_(sink), pacer_(window) {}
+      : services_(services),
+        sink_(sink),
+        counters_(services.metrics.OfMethod("/fovea.v1.Render/RenderSequence")),
+        pacer_(window) {}
 
   /// Starts the stream for `caller`, or ends it with what is wrong with `request`, or why it was
   /// not let in. Call once, and first.
@@ -61,7 +64,7 @@ class SequenceStream final : public AcknowledgedStream,
 
   Services& services_;
   FrameSink& sink_;
-  const Stopwatch watch_;
+  Metrics::Method& counters_;
   std::shared_ptr<access::Caller> caller_;  // not changed after Start; null if it was not let in
   wire::SequenceRequest request_;           // not changed after Start
   bool registered_ = false;                 // not changed after Start
@@ -76,6 +79,8 @@ class SequenceStream final : public AcknowledgedStream,
   v1::Frame ready_;    // rendered, not written yet
   v1::Frame writing_;  // the sink's while a write is in flight
   WorkPool::Ticket ticket_ = 0;
+  Stopwatch asked_;        // since the frame that is rendered was asked for
+  Stopwatch ready_asked_;  // since `ready_` was
 };
 
 }  // namespace fovea::server

@@ -18,6 +18,7 @@
 
 #include "engine/base/parallel.h"
 #include "service/server/acceptor.h"
+#include "service/server/admin_server.h"
 #include "service/server/coefficients_service.h"
 #include "service/server/datasets_service.h"
 #include "service/server/file_watch.h"
@@ -25,6 +26,7 @@
 #include "service/server/listener.h"
 #include "service/server/render_service.h"
 #include "service/server/services.h"
+#include "service/server/state_metrics.h"
 #include "service/server/tls_credentials.h"
 #include "service/wire/convert.h"
 #include "service/wire/host_port.h"
@@ -149,6 +151,9 @@ class GrpcServer final : public Server {
     SetLimits(builder);
     connections_ = builder.experimental().AddExternalConnectionAcceptor(
         grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials);
+    std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> observers;
+    observers.push_back(services_.observer.Factory());
+    builder.experimental().SetInterceptorCreators(std::move(observers));
     builder.RegisterService(&datasets_);
     builder.RegisterService(&ingest_);
     builder.RegisterService(&render_);
@@ -183,7 +188,24 @@ class GrpcServer final : public Server {
     }
   }
 
+  /// From now on `admin` tells of this server.
+  void Tell(std::unique_ptr<AdminServer> admin) {
+    admin_ = std::move(admin);
+    if (admin_ == nullptr) {
+      return;
+    }
+    admin_->SetMetrics([this] {
+      std::vector<prometheus::MetricFamily> families = services_.metrics.Collect();
+      for (prometheus::MetricFamily& family : StateMetrics(services_, *acceptor_)) {
+        families.push_back(std::move(family));
+      }
+      return ToPrometheusText(families);
+    });
+    admin_->SetState(AdminServer::State::kReady);
+  }
+
   const std::string& address() const override { return address_; }
+  std::string admin_address() const override { return admin_ == nullptr ? "" : admin_->address(); }
   size_t dataset_count() const override { return services_.catalogue->size(); }
   uint64_t frames_rendered() const override { return services_.frames_rendered.load(); }
 
@@ -192,10 +214,16 @@ class GrpcServer final : public Server {
     if (server_ == nullptr) {
       return 0;
     }
+    if (admin_ != nullptr) {
+      admin_->SetState(AdminServer::State::kDraining);
+    }
     server_->GetHealthCheckService()->SetServingStatus(false);
     services_.calls.StopAdmitting();
     services_.steps.Close();  // what has no end of its own
     const int64_t left = services_.calls.WaitIdle(limit);
+    if (admin_ != nullptr) {
+      admin_->SetMetrics(nullptr);  // what they tell of goes
+    }
     acceptor_.reset();
     // Only now are connections closed: a balancer that saw GOAWAY first would cut streams short.
     server_->Shutdown(std::chrono::system_clock::now());
@@ -232,6 +260,7 @@ class GrpcServer final : public Server {
   std::shared_ptr<TlsCredentials> tls_;           // likewise; null: plaintext
   std::unique_ptr<FileWatch> token_watch_;        // not changed after Watch
   std::unique_ptr<FileWatch> certificate_watch_;  // likewise
+  std::unique_ptr<AdminServer> admin_;            // not changed after Tell; may be null
   std::mutex drain_mutex_;
   std::unique_ptr<Acceptor> acceptor_;    // guarded by drain_mutex_ once it runs
   std::unique_ptr<grpc::Server> server_;  // guarded by drain_mutex_ once it runs
@@ -242,6 +271,10 @@ class GrpcServer final : public Server {
 StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   FOVEA_ASSIGN_OR_RETURN(const wire::HostPort address, wire::ParseHostPort(options.listen));
   FOVEA_RETURN_IF_ERROR(CheckExposure(address.loopback, options));
+  std::unique_ptr<AdminServer> admin;
+  if (!options.admin.empty()) {  // first: it says "starting" while the catalogue is read
+    FOVEA_ASSIGN_OR_RETURN(admin, AdminServer::Start(options.admin, options.admin_any_address));
+  }
   FOVEA_ASSIGN_OR_RETURN(auto catalogue, Catalogue::Open(options.root, options.rescan_interval));
   FOVEA_ASSIGN_OR_RETURN(Listener listener, Listen(address));
   FOVEA_RETURN_IF_ERROR(CheckExposure(listener.loopback, options));
@@ -261,6 +294,7 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   FOVEA_RETURN_IF_ERROR(
       server->Serve(std::move(listener), LimitsOf(options), std::move(certificates)));
   server->Watch(options, std::move(seen));
+  server->Tell(std::move(admin));
   return server;
 }
 

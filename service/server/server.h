@@ -15,6 +15,8 @@ namespace fovea::server {
 struct ServerOptions {
   std::string root;                        // holds the datasets
   std::string listen = "127.0.0.1:50051";  // HOST:PORT; port 0: any free one
+  std::string admin;                       // HOST:PORT of the admin port; empty: none
+  bool admin_any_address = false;          // allows one that other machines can reach
   bool insecure_plaintext = false;         // allows addresses that other machines can reach
   CertificateFiles tls;                    // given: TLS, else plaintext
   bool allow_ingest = false;               // without tokens everyone may write, or nobody
@@ -39,6 +41,8 @@ class Server {
 
   /// HOST:PORT, with the port that was given.
   [[nodiscard]] virtual const std::string& address() const = 0;
+  /// HOST:PORT of the admin port; empty if there is none.
+  [[nodiscard]] virtual std::string admin_address() const = 0;
   [[nodiscard]] virtual size_t dataset_count() const = 0;
   /// Frames rendered since the start, sent or not.
   [[nodiscard]] virtual uint64_t frames_rendered() const = 0;

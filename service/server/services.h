@@ -4,14 +4,15 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
-#include <string_view>
 #include <utility>
 
 #include "engine/base/status.h"
 #include "service/access/gate.h"
+#include "service/server/call_observer.h"
 #include "service/server/call_tracker.h"
 #include "service/server/catalogue.h"
 #include "service/server/memory_budget.h"
+#include "service/server/metrics.h"
 #include "service/server/step_feed.h"
 #include "service/server/stream_registry.h"
 #include "service/server/work_pool.h"
@@ -39,6 +40,8 @@ struct Services {
   const std::unique_ptr<Catalogue> catalogue;
   const std::unique_ptr<access::Gate> gate;
   const bool writable;  // whether anyone may change datasets
+  Metrics metrics;
+  CallObserver observer{metrics};
   CallTracker calls;
   MemoryBudget replies;
   StreamRegistry streams;
@@ -53,11 +56,6 @@ struct Services {
 
 /// The error of a call that comes while the server drains.
 [[nodiscard]] Status DrainingError();
-
-/// Logs how a call ended, once: what the client did wrong as information, what the server did
-/// wrong as an error.
-void LogOutcome(std::string_view method, std::string_view subject, const Status& status,
-                double milliseconds);
 
 }  // namespace fovea::server
 

@@ -4,13 +4,11 @@
 #include <functional>
 #include <memory>
 #include <mutex>
-#include <string>
 #include <utility>
 
 #include <grpcpp/support/server_callback.h>
 
 #include "engine/base/status.h"
-#include "engine/base/stopwatch.h"
 #include "service/server/admission.h"
 #include "service/server/services.h"
 #include "service/wire/status.h"
@@ -28,9 +26,8 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
   /// The call is over at once if it is not let in (Admit). Hand `get()` to gRPC.
   [[nodiscard]] static std::shared_ptr<UnaryCall> Start(Services& services,
                                                         const grpc::CallbackServerContext& context,
-                                                        const char* method, const Ask& ask,
-                                                        Response* response) {
-    auto call = std::make_shared<UnaryCall>(Private(), services, method, ask.dataset, response);
+                                                        const Ask& ask, Response* response) {
+    auto call = std::make_shared<UnaryCall>(Private(), services, response);
     call->self_ = call;
     auto admission = Admit(services, context, ask);
     if (admission.ok()) {
@@ -82,9 +79,7 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
         *response_ = *std::move(result);
       }
     }
-    const Status status = services_.catalogue->WithoutRoot(result.status());
-    LogOutcome(method_, subject_, result.status(), watch_.ElapsedMs());
-    this->Finish(wire::ToGrpc(status));
+    this->Finish(wire::ToGrpc(services_.catalogue->WithoutRoot(result.status())));
   }
 
   /// Keeps memory set aside until the reply is sent.
@@ -121,15 +116,11 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
   struct Private {};
 
  public:
-  UnaryCall(Private, Services& services, const char* method, std::string subject,
-            Response* response)
-      : services_(services), method_(method), subject_(std::move(subject)), response_(response) {}
+  UnaryCall(Private, Services& services, Response* response)
+      : services_(services), response_(response) {}
 
  private:
   Services& services_;
-  const char* const method_;
-  const std::string subject_;
-  const Stopwatch watch_;
   std::shared_ptr<UnaryCall> self_;  // set before gRPC knows of it, reset when gRPC is done
   Admission admission_;              // likewise, and read by the jobs between
 

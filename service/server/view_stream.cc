@@ -155,6 +155,7 @@ void ViewStream::Render(int threads) {
     auto actions = pacer.OnRendered(frame.status(), part >= 1, &keep);
     if (keep) {
       ready_ = *std::move(frame);
+      ready_asked_ = asked_;
       ready_.set_view_id(view->request.view_id);
       ready_.set_final(part >= 1);
     }
@@ -171,6 +172,7 @@ void ViewStream::Handle(const std::function<ViewPacer::Actions(ViewPacer&)>& eve
     if (actions.write) {
       writing_ = std::move(ready_);
       writing_.set_index(index);
+      counters_.FrameAged(ready_asked_.ElapsedMs() / 1e3);
     }
   }
   Act(std::move(actions));
@@ -203,6 +205,7 @@ void ViewStream::SubmitRender() {
     if (pacer_.over()) {
       return;
     }
+    asked_ = Stopwatch();
     const int64_t bytes = opened_->job.render_bytes;
     if (admitted_) {  // only the first frame of a stream asks to be let in
       ticket_ = services_.renders.SubmitAdmitted(bytes, std::move(job));
@@ -219,12 +222,6 @@ void ViewStream::SubmitRender() {
 }
 
 void ViewStream::End(const Status& status) {
-  std::string dataset;
-  {
-    const std::lock_guard lock(mutex_);
-    dataset = newest_.dataset;
-  }
-  LogOutcome(method_, dataset, status, watch_.ElapsedMs());
   sink_.Finish(services_.catalogue->WithoutRoot(status));
 }
 

@@ -25,7 +25,9 @@ class ViewStream final : public std::enable_shared_from_this<ViewStream> {
  public:
   /// `sink` must live until its Finish is called. Use std::make_shared.
   ViewStream(Services& services, FrameSink& sink, const char* method)
-      : services_(services), sink_(sink), method_(method) {}
+      : services_(services),
+        sink_(sink),
+        counters_(services.metrics.OfMethod(std::string("/fovea.v1.Render/") + method)) {}
 
   /// Call once, and first: on whose behalf, or why it is not let in.
   void Start(StatusOr<std::shared_ptr<access::Caller>> caller);
@@ -57,8 +59,7 @@ class ViewStream final : public std::enable_shared_from_this<ViewStream> {
 
   Services& services_;
   FrameSink& sink_;
-  const char* const method_;
-  const Stopwatch watch_;
+  Metrics::Method& counters_;
   std::shared_ptr<access::Caller> caller_;  // not changed after Start
   wire::ExploreRequests requests_;          // OnExploreRequest's
 
@@ -74,6 +75,8 @@ class ViewStream final : public std::enable_shared_from_this<ViewStream> {
   v1::Frame ready_;        // rendered, not written yet
   v1::Frame writing_;      // the sink's while a write is in flight
   WorkPool::Ticket ticket_ = 0;
+  Stopwatch asked_;        // since the frame that is rendered was asked for
+  Stopwatch ready_asked_;  // since `ready_` was
 };
 
 }  // namespace fovea::server

@@ -170,7 +170,6 @@ void WatchStream::End(Status status) {
     finished_ = true;
     status = *end_;
   }
-  LogOutcome("WatchDataset", request_.dataset, status, watch_.ElapsedMs());
   sink_.Finish(services_.catalogue->WithoutRoot(status));
 }
 

@@ -7,7 +7,6 @@
 #include <optional>
 
 #include "engine/base/status.h"
-#include "engine/base/stopwatch.h"
 #include "fovea/v1/datasets.pb.h"
 #include "service/access/gate.h"
 #include "service/server/services.h"
@@ -56,7 +55,6 @@ class WatchStream final : public StepListener, public std::enable_shared_from_th
 
   Services& services_;
   EventSink& sink_;
-  const Stopwatch watch_;
   std::shared_ptr<access::Caller> caller_;  // not changed after Start
   wire::WatchRequest request_;              // not changed after Start
 

@@ -31,6 +31,7 @@ WorkPool::~WorkPool() {
 StatusOr<WorkPool::Ticket> WorkPool::Submit(int64_t bytes, Job job) {
   const std::lock_guard lock(mutex_);
   if (static_cast<int64_t>(waiting_.size()) >= limits_.max_waiting) {
+    ++refused_;
     constexpr auto kRetry = std::chrono::seconds(1);
     return wire::WithRetry(
         ResourceExhausted("the {} is full: {} calls wait already{}; try again later", limits_.name,
@@ -66,6 +67,11 @@ bool WorkPool::Remove(Ticket ticket) {
   }
   changed_.notify_all();  // what comes next may need less memory than what was removed
   return true;
+}
+
+WorkPool::Counts WorkPool::counts() {
+  const std::lock_guard lock(mutex_);
+  return {static_cast<int64_t>(waiting_.size()), running_, running_bytes_, refused_};
 }
 
 bool WorkPool::MayStart() const {

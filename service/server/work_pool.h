@@ -28,6 +28,11 @@ class WorkPool {
   /// `threads` is the job's share of the pool's threads, at least 1.
   using Job = std::function<void(int threads)>;
   using Ticket = uint64_t;
+  struct Counts {
+    int64_t waiting = 0, running = 0;
+    int64_t running_bytes = 0;
+    uint64_t refused = 0;  // since the start
+  };
 
   explicit WorkPool(Limits limits);
   [[nodiscard]] int threads() const { return limits_.threads; }
@@ -43,6 +48,9 @@ class WorkPool {
   Ticket SubmitAdmitted(int64_t bytes, Job job);
   /// Whether the job was still waiting; it is dropped then, and never runs.
   bool Remove(Ticket ticket);
+
+  [[nodiscard]] const Limits& limits() const { return limits_; }
+  [[nodiscard]] Counts counts();
 
  private:
   struct Entry {
@@ -63,6 +71,7 @@ class WorkPool {
   Ticket last_ticket_ = 0;
   int running_ = 0;
   int64_t running_bytes_ = 0;
+  uint64_t refused_ = 0;
   bool stopping_ = false;
   std::vector<std::thread> threads_;  // written by the constructor only
 };

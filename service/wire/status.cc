@@ -128,6 +128,10 @@ std::optional<std::chrono::milliseconds> RetryDelayOf(const Status& status) {
          std::chrono::milliseconds(std::clamp(delay.nanos(), 0, 999'999'999) / 1'000'000);
 }
 
+bool HasQuota(const Status& status) {
+  return status.GetPayload(kQuotaType).has_value();
+}
+
 std::string DescribeDetails(const Status& status) {
   std::string text;
   if (const auto quota = DetailsOf<google::rpc::QuotaFailure>(status, kQuotaType)) {

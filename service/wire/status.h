@@ -33,6 +33,8 @@ namespace fovea::wire {
 
 /// When the details say that it is worth trying again.
 [[nodiscard]] std::optional<std::chrono::milliseconds> RetryDelayOf(const Status& status);
+/// Whether the details say that a quota is used up.
+[[nodiscard]] bool HasQuota(const Status& status);
 /// What the details say beyond the message, for people: "; try again in 1.5 s". May be empty.
 [[nodiscard]] std::string DescribeDetails(const Status& status);
 /// The same error in other words: `message`, and the details of `status`.

@@ -44,6 +44,7 @@ class ServerFixture : public ::testing::Test {
     options.root = Root();
     options.tokens = tokens;
     options.allow_ingest = allow_ingest_;
+    options.admin = admin_;
     options.reload_interval = std::chrono::milliseconds(10);
     options.listen = "127.0.0.1:0";
     options.threads = threads;
@@ -105,6 +106,7 @@ class ServerFixture : public ::testing::Test {
     ASSERT_OK(RenderFrame(request, &frame));
   }
 
+  std::string admin_;  // ServerOptions::admin of StartServer
   store::testing::TemporaryFolder folder_;
   bool allow_ingest_ = false;  // of servers that are started from now on
   std::unique_ptr<Server> server_;
