@@ -36,6 +36,7 @@ struct PictureInput {
   std::optional<std::string> server;  // HOST:PORT; inputs[0] is then a dataset's name there
   client::Credentials credentials;    // for the server
   bool foveated = false;              // the server sends FOVEATED frames, which are expanded here
+  bool local = false;                 // the server sends coefficients, which are rendered here
   ingest::IngestOptions ingest;       // for foreign files; inputs and output not filled in
   std::string cache;                  // empty: the usual place
   int threads = 0;

@@ -439,6 +439,12 @@ void AddPictureInput(CLI::App* app, PictureInput* input) {
                 "in fewer bytes")
       ->needs("--server")
       ->group(kServerGroup);
+  app->add_flag("--local", input->local,
+                "With --server: coefficients come, those that are not here yet, and are rendered "
+                "here; the same pictures")
+      ->needs("--server")
+      ->excludes("--foveated")
+      ->group(kServerGroup);
   AddThreadsFlag(app, &input->threads);
   AddForeignFlags(app, &input->ingest);
   app->add_option("--cache", input->cache,

@@ -205,8 +205,11 @@ StatusOr<std::string> CacheName(const ingest::IngestOptions& options) {
 StatusOr<std::unique_ptr<exports::FrameProvider>> OpenPictures(const PictureInput& input,
                                                                const OutputOptions& output) {
   if (input.server) {
-    return exports::OpenRemote(*input.server, input.credentials, input.inputs.front(),
-                               input.foveated);
+    const auto transport = input.local      ? exports::Transport::kCoefficients
+                           : input.foveated ? exports::Transport::kFoveated
+                                            : exports::Transport::kPictures;
+    return exports::OpenRemote(*input.server, input.credentials, input.inputs.front(), transport,
+                               input.threads);
   }
   const bool dataset = input.inputs.size() == 1 &&
                        (IsDataset(input.inputs.front()) || input.inputs.front().ends_with(".zarr"));

@@ -82,6 +82,7 @@ CLI::App* AddRender(CLI::App* app, RenderCommand* command) {
       "  fovea render smoke.vdb -o smoke.jpg\n"
       "  fovea render bonsai.raw --raw 256x256x256:uint8 --size 1024x1024 -o bonsai.png\n"
       "  fovea render --server 127.0.0.1:50051 smoke --step 30 -o f.png\n"
+      "  fovea render --server 127.0.0.1:50051 smoke --step 30 --local -o f.exr\n"
       "The name chooses the format: .png .jpg are sRGB over the background; .fvf is the FOVEATED\n"
       "frame that `fovea expand` makes these of; .exr .tif .npy are\n"
       "linear, premultiplied RGBA. What was not said is chosen, and printed as flags.");

@@ -259,6 +259,9 @@ StatusOr<frames::Frame> LocalRenderer::Render(const frames::FrameSpec& resolved)
   frame.step = set_->step;
   frame.time_ns = set_->time_ns;
   frame.frame_number = set_->frame_number;
+  frame.stats.chunks_read = progress_.blocks;
+  frame.stats.chunks_total = set_->blocks;
+  frame.stats.bytes_read = progress_.bytes;
   frame.warnings = current_->warnings;
   for (const frames::Warning& warning : warnings_) {
     AddOnce(warning, &frame.warnings);

@@ -46,7 +46,8 @@ class LocalRenderer {
   [[nodiscard]] StatusOr<frames::FrameSpec> Reached() const;
   /// The step last fetched as `resolved` says, whose view and all else may be another than
   /// Reached's: its fields, and a fovea and rate whose coefficients are here. FAILED_PRECONDITION
-  /// otherwise.
+  /// otherwise. Its statistics count blocks and bytes of the last Fetch where the server's count
+  /// chunks.
   [[nodiscard]] StatusOr<frames::Frame> Render(const frames::FrameSpec& resolved) const;
 
   /// Of the last Fetch.

@@ -48,12 +48,18 @@ class FrameProvider {
 [[nodiscard]] StatusOr<std::unique_ptr<FrameProvider>> OpenLocal(const std::string& path,
                                                                  int threads);
 
-/// Asks the server at `address` ("HOST:PORT") for `dataset`. Steps that follow each other come as
-/// one stream. `foveated`: pictures of 8 bits come as FOVEATED frames and are expanded here, to the
-/// same bytes.
+/// What a server sends so that there is a picture here; it is the same picture.
+enum class Transport {
+  kPictures,      // as the server renders and encodes them
+  kFoveated,      // those of 8 bits as FOVEATED frames, which are expanded here
+  kCoefficients,  // coefficients, those that are not here yet; they are rendered here
+};
+
+/// Asks the server at `address` ("HOST:PORT") for `dataset`. Pictures of steps that follow each
+/// other come as one stream. `threads` is for what is rendered here.
 [[nodiscard]] StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(
     const std::string& address, const client::Credentials& credentials, const std::string& dataset,
-    bool foveated = false);
+    Transport transport = Transport::kPictures, int threads = 0);
 
 }  // namespace fovea::exports
 

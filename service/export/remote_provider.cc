@@ -1,6 +1,7 @@
 #include <utility>
 
 #include "service/client/client.h"
+#include "service/client/local_renderer.h"
 #include "service/export/frame_provider.h"
 #include "service/frames/foveated_picture.h"
 
@@ -29,11 +30,12 @@ frames::FrameSpec Tiny(frames::FrameSpec spec) {
 class RemoteProvider final : public FrameProvider {
  public:
   RemoteProvider(std::unique_ptr<client::Client> client, client::DatasetSummary summary,
-                 std::string identity, bool foveated)
+                 std::string identity, Transport transport, int threads)
       : client_(std::move(client)),
         summary_(std::move(summary)),
         identity_(std::move(identity)),
-        foveated_(foveated) {}
+        transport_(transport),
+        local_(*client_, summary_.name, threads) {}
 
   [[nodiscard]] const std::string& identity() const override { return identity_; }
   [[nodiscard]] const store::DatasetInfo& info() const override { return summary_.info; }
@@ -67,6 +69,9 @@ class RemoteProvider final : public FrameProvider {
   }
 
   StatusOr<frames::Frame> Render(int64_t step, const frames::FrameSpec& spec) override {
+    if (transport_ == Transport::kCoefficients) {
+      return RenderHere(step, spec);
+    }
     FOVEA_ASSIGN_OR_RETURN(frames::Frame frame,
                            client_->RenderFrame(summary_.name, step, AsSent(spec)));
     return AsWanted(std::move(frame), spec);
@@ -74,6 +79,13 @@ class RemoteProvider final : public FrameProvider {
 
   Status RenderEach(const std::vector<int64_t>& steps, const frames::FrameSpec& spec,
                     const std::function<Status(const frames::Frame&)>& on_frame) override {
+    return transport_ == Transport::kCoefficients ? RenderEachHere(steps, spec, on_frame)
+                                                  : Stream(steps, spec, on_frame);
+  }
+
+ private:
+  [[nodiscard]] Status Stream(const std::vector<int64_t>& steps, const frames::FrameSpec& spec,
+                              const std::function<Status(const frames::Frame&)>& on_frame) {
     for (size_t begin = 0; begin < steps.size();) {
       const size_t length = RunLength(steps, begin);
       client::SequenceRequest request;
@@ -100,10 +112,26 @@ class RemoteProvider final : public FrameProvider {
     return absl::OkStatus();
   }
 
- private:
+  [[nodiscard]] StatusOr<frames::Frame> RenderHere(int64_t step, const frames::FrameSpec& spec) {
+    FOVEA_RETURN_IF_ERROR(local_.Fetch(step, spec));
+    FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec reached, local_.Reached());
+    return local_.Render(reached);
+  }
+
+  [[nodiscard]] Status RenderEachHere(const std::vector<int64_t>& steps,
+                                      const frames::FrameSpec& spec,
+                                      const std::function<Status(const frames::Frame&)>& on_frame) {
+    for (size_t i = 0; i < steps.size(); ++i) {
+      FOVEA_ASSIGN_OR_RETURN(frames::Frame frame, RenderHere(steps[i], spec));
+      frame.index = i;
+      FOVEA_RETURN_IF_ERROR(on_frame(frame));
+    }
+    return absl::OkStatus();
+  }
+
   /// `spec` in the encoding in which frames travel.
   [[nodiscard]] frames::FrameSpec AsSent(frames::FrameSpec spec) const {
-    if (foveated_ && spec.encoding != frames::Encoding::kRawRgbaF32) {
+    if (transport_ == Transport::kFoveated && spec.encoding != frames::Encoding::kRawRgbaF32) {
       spec.encoding = frames::Encoding::kFoveated;
     }
     return spec;
@@ -120,21 +148,24 @@ class RemoteProvider final : public FrameProvider {
   std::unique_ptr<client::Client> client_;
   client::DatasetSummary summary_;
   std::string identity_;
-  bool foveated_;
+  Transport transport_;
+  client::LocalRenderer local_;  // used with kCoefficients
 };
 
 }  // namespace
 
 StatusOr<std::unique_ptr<FrameProvider>> OpenRemote(const std::string& address,
                                                     const client::Credentials& credentials,
-                                                    const std::string& dataset, bool foveated) {
+                                                    const std::string& dataset, Transport transport,
+                                                    int threads) {
   FOVEA_ASSIGN_OR_RETURN(auto client, client::Client::Connect(address, credentials));
   FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, client->GetDataset(dataset));
   if (!summary.default_spec.field) {
     return FailedPrecondition("server {}: {} has no committed step yet", address, dataset);
   }
   return std::make_unique<RemoteProvider>(std::move(client), std::move(summary),
-                                          fmt::format("{}/{}", address, dataset), foveated);
+                                          fmt::format("{}/{}", address, dataset), transport,
+                                          threads);
 }
 
 }  // namespace fovea::exports

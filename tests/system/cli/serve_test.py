@@ -67,6 +67,11 @@ class Serve(support.FoveaTest):
             self.assertEqual(self.ask("render", "lab/plume", "--foveated", *flags, "-o", foveated)
                              ["flags"], report["flags"])
             self.assertEqual(foveated.read_bytes(), local.read_bytes(), name)
+            here = self.folder / f"here_{name}"
+            drawn = self.ask("render", "lab/plume", "--local", *flags, "-o", here)
+            self.assertEqual(drawn["flags"], report["flags"])
+            self.assertGreater(drawn["stats"]["bytes_read"], 0)
+            self.assertEqual(here.read_bytes(), local.read_bytes(), name)
 
     def test_export_streams_the_same_frames(self):
         flags = ["--size", "64x48", "--steps", "1-13x3", "--field", "temperature", "--strict",
@@ -84,6 +89,10 @@ class Serve(support.FoveaTest):
         self.ask("export", "lab/plume", "--foveated", *flags, "-o", foveated / "f.####.png")
         for name in names:
             self.assertEqual((foveated / name).read_bytes(), (local / name).read_bytes(), name)
+        here = self.folder / "here"
+        self.ask("export", "lab/plume", "--local", *flags, "-o", here / "f.####.png")
+        for name in names:
+            self.assertEqual((here / name).read_bytes(), (local / name).read_bytes(), name)
         (served / "f.0029.png").unlink()
         self.assertEqual(self.ask("export", "lab/plume", *flags, "-o", served / "f.####.png")
                          ["frames_made"], 1)
