@@ -185,7 +185,8 @@ std::vector<Box3> Subtract(std::vector<Box3> boxes, const Box3& what) {
 std::vector<Rate> StageRates(const Hierarchy& hierarchy, const Rate& rate) {
   const auto most = static_cast<double>(hierarchy.dims().Max());
   std::vector<Rate> rates{rate};
-  double shrunk = 1;
+  constexpr double kRounding = 1 + 1e-9;  // a half is a half
+  double shrunk = kRounding;
   while (true) {
     shrunk /= std::numbers::sqrt2;
     const auto smaller = [&](double r) {
