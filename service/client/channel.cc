@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <fstream>
 #include <system_error>
 #include <utility>
 
+#include <grpc/support/log.h>
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 
@@ -46,6 +48,18 @@ Status CheckTogether(const wire::HostPort& address, const Credentials& given) {
   return absl::OkStatus();
 }
 
+/// gRPC's own lines on stderr say what the error says as well; they stay for those who ask for
+/// them.
+void KeepGrpcQuiet() {
+  static const bool done = [] {
+    if (std::getenv("GRPC_VERBOSITY") == nullptr && std::getenv("GRPC_TRACE") == nullptr) {
+      gpr_set_log_function([](gpr_log_func_args*) {});
+    }
+    return true;
+  }();
+  static_cast<void>(done);
+}
+
 StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const Credentials& given) {
   if (given.ca_file.empty()) {
     return grpc::InsecureChannelCredentials();
@@ -65,6 +79,7 @@ StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const Creden
 StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const wire::HostPort& address,
                                                      const Credentials& credentials) {
   FOVEA_RETURN_IF_ERROR(CheckTogether(address, credentials));
+  KeepGrpcQuiet();
   FOVEA_ASSIGN_OR_RETURN(const auto made, MakeCredentials(credentials));
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(wire::kMaxReplyMessageBytes);

@@ -112,6 +112,10 @@ Status GrpcClient::Explain(const Status& status) const {
       fmt::format("server {}: {}{}", address_, MessageOf(status), wire::DescribeDetails(status));
   if (absl::IsUnavailable(status)) {
     message += "; `fovea serve ROOT` starts a server";
+    if (message.find("handshake") != std::string::npos ||
+        message.find("SETTINGS") != std::string::npos) {
+      message += "; --tls-ca is for a server with --tls-cert, and needed there";
+    }
   }
   return wire::WithMessage(status, message);
 }

@@ -72,7 +72,9 @@ StatusOr<Admission> Admit(Services& services, const grpc::CallbackServerContext&
         "this server changes no datasets; it must be started with --allow-ingest (then everyone "
         "may write), or with --tokens");
   }
-  FOVEA_RETURN_IF_ERROR(caller.TakeBytesIn(ask.bytes_in));
+  if (ask.bytes_in > 0) {
+    FOVEA_RETURN_IF_ERROR(caller.TakeBytesIn(ask.bytes_in));
+  }
   if (ask.stream) {
     FOVEA_ASSIGN_OR_RETURN(admission.stream, access::Caller::OpenStream(admission.caller));
   }

@@ -19,7 +19,7 @@ namespace fovea::server {
 struct Ask {
   access::Right right = access::Right::kRead;
   std::string dataset{};        // that it is about; empty: none, or a request that will be refused
-  int64_t bytes_in = 0;         // of the request
+  int64_t bytes_in = 0;         // of the request; 0: free, whatever the quota
   bool stream = false;          // whether it counts as one of the token's streams
   bool while_draining = false;  // whether running streams need it
 };

@@ -111,10 +111,9 @@ class SequenceReactor final : public grpc::ServerWriteReactor<v1::Frame>, public
 
 Status AcknowledgeStream(Services& services, const grpc::CallbackServerContext& context,
                          const v1::AcknowledgeRequest& request) {
-  FOVEA_ASSIGN_OR_RETURN(
-      const Admission admission,
-      Admit(services, context,
-            {.bytes_in = static_cast<int64_t>(request.ByteSizeLong()), .while_draining = true}));
+  // Its bytes are free: a stream whose acknowledgement was refused would wait for ever.
+  FOVEA_ASSIGN_OR_RETURN(const Admission admission,
+                         Admit(services, context, {.while_draining = true}));
   const auto stream = services.streams.Find(admission.caller->name(), request.stream_id());
   if (stream == nullptr) {
     return NotFound("stream_id '{}': no such stream runs on this server; it may have ended",

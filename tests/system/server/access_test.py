@@ -73,7 +73,8 @@ class Certificates(fovead.FoveadTest):
             self.refused(1, "info", "--server", server.address, says=[server.address])
             result = self.ask(server, self.new)
             self.assertEqual(result.returncode, 1)
-            self.assertIn(server.address, result.stderr)
+            self.assertTrue(result.stderr.startswith("fovea: server " + server.address))
+            self.assertIn("--tls-ca", result.stderr)
 
     def test_clients_show_a_certificate_where_one_is_asked_for(self):
         certificate, key = fovead.make_certificate(self.folder, "me", self.new)

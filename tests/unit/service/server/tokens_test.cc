@@ -196,6 +196,27 @@ TEST_F(TokensTest, QuotasAreHeldAndGivenBack) {
   EXPECT_OK(RenderAs("everything", "plume"));
 }
 
+TEST_F(TokensTest, AcknowledgementsAreFree) {
+  access::Token frugal = Entry("frugal", "plume");
+  frugal.quotas.bytes_in_per_second = 0.01;
+  tokens_.push_back(frugal);
+  Write();
+  const std::string id = "0123456789abcdef";
+  v1::Frame frame;
+  std::unique_ptr<grpc::ClientContext> context;
+  std::unique_ptr<grpc::ClientReader<v1::Frame>> reader;
+  do {  // until the file was read
+    context = As("frugal");
+    reader = render_->RenderSequence(context.get(), Sequence(id));
+  } while (!reader->Read(&frame) && !reader->Finish().ok());
+  EXPECT_THAT(GetAs("frugal", "plume"),
+              FailsWith(absl::StatusCode::kResourceExhausted, "bytes in a second"));
+  EXPECT_OK(AcknowledgeAs("frugal", id));
+  EXPECT_TRUE(reader->Read(&frame));
+  context->TryCancel();
+  EXPECT_FALSE(reader->Finish().ok());
+}
+
 TEST_F(TokensTest, ATokenHasItsStreamsAtOnce) {
   access::Token one = Entry("one-stream", "plume");
   one.quotas.streams = 1;
