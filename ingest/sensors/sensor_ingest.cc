@@ -80,6 +80,7 @@ class SensorRun {
   Status Read();
   Status NameFields();
   Status CreateStore();
+  void OrderFieldsAsRead();
   Status CommitStep(const ClosedStep& step);
   void NoteDensity(const ClosedStep& step);
 
@@ -274,9 +275,23 @@ void SensorRun::NoteDensity(const ClosedStep& step) {
   }
 }
 
+/// A store lists its fields by name; values come as the input has them.
+void SensorRun::OrderFieldsAsRead() {
+  std::vector<std::string> names;
+  for (const std::string& name : state_.value_names) {
+    names.push_back(FieldNameOf(name));
+  }
+  // Fields that were named otherwise when the store was made keep their order.
+  if (store_->OrderFields(names).ok()) {
+    report_.fields = names;
+  }
+}
+
 Status SensorRun::CommitStep(const ClosedStep& step) {
   if (store_ == nullptr) {
     FOVEA_RETURN_IF_ERROR(CreateStore());
+  } else if (report_.steps == 0) {
+    OrderFieldsAsRead();
   }
   FOVEA_RETURN_IF_ERROR(store_->Write(step, options_.fill));
   FOVEA_RETURN_IF_ERROR(store_->Publish());

@@ -97,6 +97,18 @@ Status SensorStore::ReadFields(const std::string& path) {
   return absl::OkStatus();
 }
 
+Status SensorStore::OrderFields(const std::vector<std::string>& fields) {
+  if (!std::is_permutation(fields.begin(), fields.end(), fields_.begin(), fields_.end())) {
+    std::string there;
+    for (const std::string& field : fields_) {
+      there += (there.empty() ? "" : ", ") + field;
+    }
+    return FailedPrecondition("the dataset has other fields: {}", there);
+  }
+  fields_ = fields;
+  return absl::OkStatus();
+}
+
 std::optional<int64_t> SensorStore::NextWindow(double start_s, double window_s) const {
   if (!last_time_ns_) {
     return std::nullopt;

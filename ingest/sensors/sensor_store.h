@@ -39,6 +39,9 @@ class SensorStore {
   [[nodiscard]] const sensors::VoxelGrid& grid() const { return grid_; }
   [[nodiscard]] const std::vector<std::string>& fields() const { return fields_; }  // of channels
   [[nodiscard]] int64_t committed_steps() const { return writer_->info().committed_steps; }
+  /// From now on channels come in this order. FAILED_PRECONDITION, saying which fields there are,
+  /// unless these are the same.
+  [[nodiscard]] Status OrderFields(const std::vector<std::string>& fields);
   /// Of the last step, whether written now or before; absent without one.
   [[nodiscard]] std::optional<int64_t> last_time_ns() const { return last_time_ns_; }
   [[nodiscard]] std::optional<int64_t> last_frame_number() const { return last_frame_; }

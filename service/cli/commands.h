@@ -56,6 +56,8 @@ struct IngestCommand {
 struct SensorsCommand {
   OutputOptions output;
   ingest::SensorOptions ingest;
+  std::optional<std::string> server;  // then ingest.output is a name there
+  client::Credentials credentials;    // for the server
 };
 
 struct InfoCommand {

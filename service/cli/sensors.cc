@@ -16,6 +16,7 @@
 #include "service/cli/console.h"
 #include "service/cli/flags.h"
 #include "service/cli/number_list.h"
+#include "service/cli/sensors_remote.h"
 #include "service/cli/verbs.h"
 
 namespace fovea::cli {
@@ -313,24 +314,6 @@ nlohmann::json ReportJson(const SensorsCommand& command, const ingest::SensorRep
           {"total_ms", total_ms}};
 }
 
-/// "3 late, 2 outside the box"; empty if none was left out.
-std::string LeftOut(const ingest::SensorReport& report) {
-  const sensors::ReadingCounts& c = report.counts;
-  std::string text;
-  for (const auto& [count, what] :
-       {std::pair(c.duplicates, "replaced by later ones of the same place and time"),
-        std::pair(c.not_finite, "NaN or infinite"),
-        std::pair(c.out_of_range, "out of --value-range"), std::pair(c.outside, "outside the box"),
-        std::pair(c.late, "late"), std::pair(c.ahead, "too far ahead"),
-        std::pair(c.pending, "of steps that were not complete"),
-        std::pair(report.bad_lines, "bad lines")}) {
-    if (count > 0) {
-      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, what);
-    }
-  }
-  return text;
-}
-
 void PrintReport(const SensorsCommand& command, const ingest::SensorReport& report, double ms) {
   const Int3& dims = report.grid.hierarchy.dims();
   std::string fields;
@@ -359,6 +342,23 @@ void PrintReport(const SensorsCommand& command, const ingest::SensorReport& repo
 
 }  // namespace
 
+std::string LeftOut(const ingest::SensorReport& report) {
+  const sensors::ReadingCounts& c = report.counts;
+  std::string text;
+  for (const auto& [count, what] :
+       {std::pair(c.duplicates, "replaced by later ones of the same place and time"),
+        std::pair(c.not_finite, "NaN or infinite"),
+        std::pair(c.out_of_range, "out of --value-range"), std::pair(c.outside, "outside the box"),
+        std::pair(c.late, "late"), std::pair(c.ahead, "too far ahead"),
+        std::pair(c.pending, "of steps that were not complete"),
+        std::pair(report.bad_lines, "bad lines")}) {
+    if (count > 0) {
+      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, what);
+    }
+  }
+  return text;
+}
+
 CLI::App* AddSensors(CLI::App* app, SensorsCommand* command) {
   CLI::App* verb = AddVerb(
       app, "sensors", "Make a dataset of scattered readings: CSV, JSON lines, float32 records",
@@ -368,9 +368,12 @@ CLI::App* AddSensors(CLI::App* app, SensorsCommand* command) {
       "  fovea sensors 'scan##.f32' --voxel 1000,1000,250 --world-unit m -o radar.zarr\n"
       "  tail -n +1 -f log.csv | fovea sensors - --bounds 0,0,0,100,100,10 --voxel 1 "
       "--step-seconds 60 -o live.zarr\n"
+      "  fovea sensors log.csv -o lab/live --server 127.0.0.1:50051 --step-seconds 60 "
+      "--bounds 0,0,0,100,100,10 --voxel 1\n"
       "Values without readings come from the nearest super-voxel that has some; the field "
       "'coverage'\nsays where: 1 measured, 1/w from a super-voxel w voxels wide. Ctrl-C keeps all "
       "steps that are complete.");
+  AddServerFlags(verb, &command->server, &command->credentials);
   AddInputFlags(verb, &command->ingest);
   AddReadingFlags(verb, &command->ingest);
   verb->add_option("-o,--output", command->ingest.output, "The dataset to make")
@@ -419,10 +422,21 @@ Status Check(SensorsCommand* command) {
   ingest.steps_by = ingest.steps.window_s          ? StepsBy::kWindow
                     : !ingest.columns.step.empty() ? StepsBy::kKey
                                                    : StepsBy::kFile;
+  if (command->server && (ingest.steps_by != StepsBy::kWindow || ingest.append)) {
+    return InvalidArgument(
+        "--server: steps go by --step-seconds, and a dataset that is there is always gone on with: "
+        "give the one, and neither --step-key nor --append");
+  }
+  if (command->server && ingest.steps.on_empty == sensors::OnEmpty::kError) {
+    return InvalidArgument("--server: a server skips or holds empty windows (--on-missing)");
+  }
   return absl::OkStatus();
 }
 
 Status Run(const SensorsCommand& command) {
+  if (command.server) {
+    return SendSensors(command);
+  }
   const Stopwatch watch;
   const std::filesystem::path folder = std::filesystem::path(command.ingest.output).parent_path();
   std::error_code ignored;  // what cannot be made is reported by the store, with its path

@@ -8,11 +8,13 @@
 
 #include "fovea/v1/coefficients.grpc.pb.h"
 #include "fovea/v1/datasets.grpc.pb.h"
+#include "fovea/v1/ingest.grpc.pb.h"
 #include "fovea/v1/render.grpc.pb.h"
 #include "service/client/call_options.h"
 #include "service/client/channel.h"
 #include "service/client/coefficient_reader.h"
 #include "service/client/frame_reader.h"
+#include "service/client/reading_sender_impl.h"
 #include "service/frames/frames.h"
 #include "service/wire/coefficients.h"
 #include "service/wire/convert.h"
@@ -49,6 +51,12 @@ v1::RenderSequenceRequest ToProto(const SequenceRequest& request) {
   }
   proto.mutable_steps()->set_stride(static_cast<uint64_t>(request.stride));
   *proto.mutable_spec() = wire::ToProto(request.spec);
+  if (request.follow) {
+    proto.set_follow(true);
+    if (request.first == 0) {
+      proto.clear_steps();
+    }
+  }
   proto.set_start_index(request.start_index);
   proto.set_window(request.window);
   return proto;
@@ -63,6 +71,7 @@ class GrpcClient final : public Client {
         metadata_{RandomId(), std::move(authorization)},
         channel_(std::move(channel)),
         datasets_(v1::Datasets::NewStub(channel_)),
+        ingest_(v1::Ingest::NewStub(channel_)),
         render_(v1::Render::NewStub(channel_)),
         coefficients_(v1::Coefficients::NewStub(channel_)) {}
 
@@ -75,6 +84,7 @@ class GrpcClient final : public Client {
   Status StreamCoefficients(
       const wire::CoefficientsRequest& request,
       const std::function<Status(const wire::CoefficientsMessage&)>& on_message) override;
+  StatusOr<std::unique_ptr<ReadingSender>> SendReadings(const ReadingsSpec& spec) override;
 
  private:
   using OnFrame = std::function<bool(const frames::Frame&)>;
@@ -92,13 +102,16 @@ class GrpcClient final : public Client {
   [[nodiscard]] Status Explain(const Status& status) const;
   [[nodiscard]] Status Stream(const v1::RenderSequenceRequest& request, const OnFrame& on_frame,
                               Progress* progress);
-  [[nodiscard]] StatusOr<frames::Frame> Receive(v1::Frame proto, uint64_t index) const;
+  /// The frame of this index, or, of a stream that may skip, one after it.
+  [[nodiscard]] StatusOr<frames::Frame> Receive(v1::Frame proto, uint64_t index,
+                                                bool may_skip) const;
 
   const std::string address_;
   const double deadline_seconds_;
   const CallMetadata metadata_;
   const std::shared_ptr<grpc::Channel> channel_;
   const std::unique_ptr<v1::Datasets::Stub> datasets_;
+  const std::unique_ptr<v1::Ingest::Stub> ingest_;
   const std::unique_ptr<v1::Render::Stub> render_;
   const std::unique_ptr<v1::Coefficients::Stub> coefficients_;
 };
@@ -168,13 +181,13 @@ StatusOr<frames::Frame> GrpcClient::RenderFrame(const std::string& dataset, int6
   v1::Frame response;
   FOVEA_RETURN_IF_ERROR(
       Explain(wire::FromGrpc(render_->RenderFrame(&context, request, &response))));
-  return Receive(std::move(response), 0);
+  return Receive(std::move(response), 0, false);
 }
 
-StatusOr<frames::Frame> GrpcClient::Receive(v1::Frame proto, uint64_t index) const {
+StatusOr<frames::Frame> GrpcClient::Receive(v1::Frame proto, uint64_t index, bool may_skip) const {
   auto frame = wire::FromProto(std::move(proto));
   FOVEA_RETURN_IF_ERROR(Explain(frame.status()));
-  if (frame->index != index) {
+  if (may_skip ? frame->index < index : frame->index != index) {
     return Explain(Internal("frame {} came where {} was due", frame->index, index));
   }
   return frame;
@@ -184,6 +197,9 @@ Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame&
   FOVEA_RETURN_IF_ERROR(CheckRequest(request.first, request.spec));
   if (request.last && *request.last < request.first) {
     return InvalidArgument("last step {} is before the first, {}", *request.last, request.first);
+  }
+  if (request.last && request.follow) {
+    return InvalidArgument("last step {}: a stream that follows has no end", *request.last);
   }
   if (request.stride < 1) {
     return InvalidArgument("stride {} is outside its range, from 1", request.stride);
@@ -207,6 +223,10 @@ Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame&
       std::this_thread::sleep_for(*retry);
     }
     // The rest in the same way as what came, also where defaults have changed since.
+    if (request.follow) {
+      proto.clear_steps();  // what is newest now; indices begin again
+      progress.next_index = 0;
+    }
     proto.set_start_index(progress.next_index);
     *proto.mutable_spec() = wire::ToProto(progress.used);
   }
@@ -214,10 +234,12 @@ Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame&
 
 Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFrame& on_frame,
                           Progress* progress) {
-  FrameReader reader(*render_, request, metadata_, deadline_seconds_);
+  constexpr double kForEver = 1e9;  // the next step comes when it comes
+  FrameReader reader(*render_, request, metadata_, request.follow() ? kForEver : deadline_seconds_);
   v1::Frame proto;
   while (reader.Next(&proto)) {
-    FOVEA_ASSIGN_OR_RETURN(frames::Frame frame, Receive(std::move(proto), progress->next_index));
+    FOVEA_ASSIGN_OR_RETURN(frames::Frame frame,
+                           Receive(std::move(proto), progress->next_index, request.follow()));
     proto.Clear();
     if (!on_frame(frame)) {
       progress->stopped = true;
@@ -225,9 +247,9 @@ Status GrpcClient::Stream(const v1::RenderSequenceRequest& request, const OnFram
     }
     progress->used = std::move(frame.used);
     if (request.window() > 0) {
-      reader.Acknowledge(progress->next_index);
+      reader.Acknowledge(frame.index);
     }
-    ++progress->next_index;
+    progress->next_index = frame.index + 1;
   }
   return Explain(wire::FromGrpc(reader.Finish()));
 }
@@ -245,6 +267,14 @@ Status GrpcClient::StreamCoefficients(
     FOVEA_RETURN_IF_ERROR(Explain(on_message(*message)));
   }
   return Explain(wire::FromGrpc(reader.Finish()));
+}
+
+StatusOr<std::unique_ptr<ReadingSender>> GrpcClient::SendReadings(const ReadingsSpec& spec) {
+  auto sender = GrpcReadingSender::Open(
+      *ingest_, [metadata = metadata_](grpc::ClientContext* context) { metadata.AddTo(context); },
+      spec, deadline_seconds_);
+  FOVEA_RETURN_IF_ERROR(Explain(sender.status()));
+  return sender;
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
+#include "service/client/reading_sender.h"
 #include "service/frames/spec.h"
 #include "service/wire/coefficient_messages.h"
 #include "service/wire/dataset_summary.h"
@@ -28,6 +29,9 @@ struct SequenceRequest {
   frames::FrameSpec spec;
   uint64_t start_index = 0;
   uint32_t window = 2;  // frames ahead of the acknowledgements; 0: none needed
+  /// After the last committed step it goes on with each new one, or the newest of several, whenever
+  /// that comes. With `first` 0 it begins with the last committed step; without `last`.
+  bool follow = false;
 };
 
 /// How to be let in. Empty paths stand for nothing.
@@ -69,6 +73,9 @@ class Client {
   [[nodiscard]] virtual Status StreamCoefficients(
       const wire::CoefficientsRequest& request,
       const std::function<Status(const wire::CoefficientsMessage&)>& on_message) = 0;
+  /// Opens a dataset of this server for readings. It must outlive what is returned.
+  [[nodiscard]] virtual StatusOr<std::unique_ptr<ReadingSender>> SendReadings(
+      const ReadingsSpec& spec) = 0;
 };
 
 }  // namespace fovea::client

@@ -48,8 +48,7 @@ LiveIngest::~LiveIngest() {
 Status LiveIngest::OpenStore(Catalogue& catalogue, const wire::ReadingsSpec& spec) {
   const auto found = catalogue.FindNow(spec.dataset);
   if (found.ok()) {
-    FOVEA_ASSIGN_OR_RETURN(store_, ingest::SensorStore::Append((*found)->dataset().path()));
-    return CheckStore(spec);
+    return Append(**found, spec);
   }
   if (!spec.grid) {
     return absl::IsNotFound(found.status())
@@ -68,8 +67,10 @@ Status LiveIngest::OpenStore(Catalogue& catalogue, const wire::ReadingsSpec& spe
   made.clock = spec.clock;
   made.chunk_edge = spec.chunk_edge;
   auto store = ingest::SensorStore::Create(path, made);
-  if (absl::IsAlreadyExists(store.status()) && !absl::IsNotFound(found.status())) {
-    return found.status();  // it is there, and this is why it cannot be used
+  if (absl::IsAlreadyExists(store.status())) {
+    // Another made it just now, or it is there and cannot be opened.
+    FOVEA_ASSIGN_OR_RETURN(const auto made_meanwhile, catalogue.FindNow(spec.dataset));
+    return Append(*made_meanwhile, spec);
   }
   FOVEA_RETURN_IF_ERROR(store.status());
   store_ = *std::move(store);
@@ -78,7 +79,8 @@ Status LiveIngest::OpenStore(Catalogue& catalogue, const wire::ReadingsSpec& spe
   return catalogue.FindNow(spec.dataset).status();
 }
 
-Status LiveIngest::CheckStore(const wire::ReadingsSpec& spec) const {
+Status LiveIngest::Append(ServedDataset& dataset, const wire::ReadingsSpec& spec) {
+  FOVEA_ASSIGN_OR_RETURN(store_, ingest::SensorStore::Append(dataset.dataset().path()));
   if (spec.grid && !IsSame(*spec.grid, store_->grid())) {
     const sensors::VoxelGrid& grid = store_->grid();
     const Int3& dims = grid.hierarchy.dims();
@@ -88,15 +90,11 @@ Status LiveIngest::CheckStore(const wire::ReadingsSpec& spec) const {
         spec.dataset, dims.x, dims.y, dims.z, grid.voxel.x, grid.voxel.y, grid.voxel.z,
         grid.lower.x, grid.lower.y, grid.lower.z);
   }
-  if (!spec.fields.empty() && spec.fields != store_->fields()) {
-    std::string fields;
-    for (const std::string& field : store_->fields()) {
-      fields += (fields.empty() ? "" : ", ") + field;
-    }
-    return FailedPrecondition("dataset '{}' has other fields than header.fields says: {}",
-                              spec.dataset, fields);
+  if (spec.fields.empty()) {
+    return absl::OkStatus();
   }
-  return absl::OkStatus();
+  return Annotate(store_->OrderFields(spec.fields),
+                  fmt::format("header.fields: '{}'", spec.dataset));
 }
 
 Status LiveIngest::StartBinner(const wire::ReadingsSpec& spec) {

@@ -46,7 +46,7 @@ class LiveIngest {
  private:
   LiveIngest() = default;
   [[nodiscard]] Status OpenStore(Catalogue& catalogue, const wire::ReadingsSpec& spec);
-  [[nodiscard]] Status CheckStore(const wire::ReadingsSpec& spec) const;
+  [[nodiscard]] Status Append(ServedDataset& dataset, const wire::ReadingsSpec& spec);
   [[nodiscard]] Status StartBinner(const wire::ReadingsSpec& spec);
 
   std::unique_ptr<ingest::SensorStore> store_;

@@ -14,7 +14,7 @@ namespace {
 constexpr double kLatest = 9.2e9;
 constexpr double kMaxDimension = 65536;
 constexpr int kMaxFields = 64;
-constexpr uint64_t kMostWindowsAhead = 1'000'000'000;
+constexpr uint64_t kMostWindowsAhead = 10'000;
 constexpr uint64_t kMaxReach = uint64_t{1} << 40;
 constexpr size_t kMaxUnitBytes = 64, kMaxClockBytes = 256;
 constexpr size_t kMaxNameParts = 16, kMaxPartBytes = 255;

@@ -198,6 +198,23 @@ TEST_F(SensorsTest, AppendGoesOnWhereTheStoreEnds) {
   ExpectSameStores(whole.output, begin.output, 5);
 }
 
+TEST_F(SensorsTest, AppendedValuesGoToTheFieldsOfTheirNames) {
+  SensorOptions options = Options("two.csv", "x,y,z,t,wind,heat\n1,1,1,0,3,7\n");
+  options.columns.values = {"wind", "heat"};
+  options.steps_by = StepsBy::kWindow;
+  options.steps.window_s = 1;
+  ASSERT_OK(Ingest(options).status());
+  Write(options.inputs.front(), "x,y,z,t,wind,heat\n1,1,1,1,3,7\n");
+  options.append = true;
+  options.box = {};
+  ASSERT_OK(Ingest(options).status());
+  ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+  for (int64_t step = 0; step < 2; ++step) {  // a store lists its fields by name
+    EXPECT_EQ(dataset->Stats(step, "wind")->maximum, 3);
+    EXPECT_EQ(dataset->Stats(step, "heat")->maximum, 7);
+  }
+}
+
 TEST_F(SensorsTest, EachFileIsAStepAndTheBoxIsChosen) {
   const std::vector<Row> rows = SomeRows(1000, 10);
   SensorOptions options = Options("scan0.f32", Records({rows.begin(), rows.begin() + 500}));
