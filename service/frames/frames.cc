@@ -66,6 +66,30 @@ StatusOr<Sources> OpenSources(store::Dataset& dataset, int64_t step, const Frame
   return sources;
 }
 
+/// The volumes that a two-phase frame shows.
+struct Volumes {
+  const SuperVoxels* value = nullptr;
+  const SuperVoxels* color = nullptr;  // may be null
+};
+
+StatusOr<FoveatedPicture> RenderVolumes(const Volumes& volumes, const Matrix4& index_to_world,
+                                        const render::RenderSettings& settings, FrameStats* stats) {
+  render::RenderStats rendered;
+  FoveatedPicture picture;
+  if (settings.perspective) {
+    FOVEA_RETURN_IF_ERROR(render::Validate(settings));
+    FOVEA_ASSIGN_OR_RETURN(
+        picture.frame, render::RenderPerspectiveFrame(*volumes.value, volumes.color, index_to_world,
+                                                      settings, &rendered));
+  } else {
+    FOVEA_ASSIGN_OR_RETURN(picture.frame, render::RenderFrame(*volumes.value, index_to_world,
+                                                              settings, &rendered, volumes.color));
+  }
+  stats->samples = rendered.samples;
+  stats->render_ms = rendered.render_ms;
+  return picture;
+}
+
 StatusOr<FoveatedPicture> RenderTwoPhase(const FrameCoefficients& sources,
                                          const RetainedSet& retained, const Matrix4& index_to_world,
                                          const render::RenderSettings& settings, Reconstruction how,
@@ -81,22 +105,10 @@ StatusOr<FoveatedPicture> RenderTwoPhase(const FrameCoefficients& sources,
     times.read_ms += more.read_ms;
     times.reconstruct_ms += more.reconstruct_ms;
   }
-  const SuperVoxels* color = sources.color != nullptr ? &colors : nullptr;
-  render::RenderStats rendered;
-  FoveatedPicture picture;
-  if (settings.perspective) {
-    FOVEA_RETURN_IF_ERROR(render::Validate(settings));
-    FOVEA_ASSIGN_OR_RETURN(picture.frame, render::RenderPerspectiveFrame(
-                                              volume, color, index_to_world, settings, &rendered));
-  } else {
-    FOVEA_ASSIGN_OR_RETURN(picture.frame,
-                           render::RenderFrame(volume, index_to_world, settings, &rendered, color));
-  }
-  stats->samples = rendered.samples;
   stats->read_ms = times.read_ms;
   stats->reconstruct_ms = times.reconstruct_ms;
-  stats->render_ms = rendered.render_ms;
-  return picture;
+  return RenderVolumes({&volume, sources.color != nullptr ? &colors : nullptr}, index_to_world,
+                       settings, stats);
 }
 
 StatusOr<FoveatedPicture> RenderFused(const FrameCoefficients& sources, const RetainedSet& retained,
@@ -142,6 +154,113 @@ void AddReadStats(const store::ReadStats& read, const std::string& field, Frame*
   if (std::optional<Warning> warning = DamageWarning(read, field, frame->step)) {
     frame->warnings.push_back(*std::move(warning));
   }
+}
+
+/// The coefficients that a frame keeps, once it is known that this machine can hold it.
+StatusOr<RetainedSet> PrepareRetained(const store::DatasetInfo& info, const FrameSpec& resolved) {
+  FOVEA_ASSIGN_OR_RETURN(RetainedSet retained,
+                         RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
+  FOVEA_RETURN_IF_ERROR(CheckMemory(info, retained, resolved));
+  return retained;
+}
+
+/// From the pyramid to the bytes.
+StatusOr<Frame> FinishFrame(FoveatedPicture picture, const store::DatasetInfo& info,
+                            const RetainedSet& retained, const FrameSpec& resolved,
+                            const render::RenderSettings& settings, const FrameStats& stats) {
+  Frame frame;
+  frame.used = resolved;
+  frame.encoding = resolved.encoding;
+  frame.stats = stats;
+  if (std::optional<Warning> warning = RetentionWarning(info, retained)) {
+    frame.warnings.push_back(*std::move(warning));
+  }
+  picture.smoothing = settings.smoothing;
+  picture.basis = settings.basis;
+  picture.background = *resolved.background;
+  if (resolved.fovea_marker) {
+    picture.marker = PixelOf(resolved.fovea->at, settings, info);
+  }
+  FOVEA_ASSIGN_OR_RETURN(
+      frame.pixels, EncodePicture(std::move(picture), resolved, settings.threads, &frame.stats));
+  frame.width_px = settings.width_px;
+  frame.height_px = settings.height_px;
+  const uint64_t fields = resolved.color_field ? 2 : 1;
+  frame.stats.coefficients = fields * static_cast<uint64_t>(retained.CoefficientCount());
+  frame.stats.super_voxels = fields * static_cast<uint64_t>(retained.SuperVoxelCount());
+  return frame;
+}
+
+StatusOr<Frame> RenderUnshared(store::Dataset& dataset, int64_t step, const FrameSpec& resolved,
+                               int threads) {
+  FOVEA_ASSIGN_OR_RETURN(const Sources sources, OpenSources(dataset, step, resolved));
+  FOVEA_ASSIGN_OR_RETURN(Frame frame, RenderCoefficients({sources.value.get(), sources.color.get()},
+                                                         dataset.info(), resolved, threads));
+  frame.step = step;
+  AddReadStats(sources.value->read_stats(), *resolved.field, &frame);
+  if (sources.color != nullptr) {
+    AddReadStats(sources.color->read_stats(), *resolved.color_field, &frame);
+  }
+  return frame;
+}
+
+/// The volume of one field, from the cache or read now; what it cost this frame goes to `stats`.
+StatusOr<VolumeCache::Found> FindVolume(store::Dataset& dataset, int64_t step,
+                                        const std::string& field, const RetainedSet& retained,
+                                        const FrameSpec& resolved, int threads,
+                                        const SharedVolumes& shared, FrameStats* stats) {
+  const auto make = [&]() -> StatusOr<ReadVolume> {
+    const auto on_damage = resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount;
+    FOVEA_ASSIGN_OR_RETURN(const auto source, dataset.OpenStep(step, field, on_damage));
+    ReadVolume read;
+    FOVEA_ASSIGN_OR_RETURN(read.volume,
+                           Reconstruct(*source, retained, threads, &read.times,
+                                       resolved.reconstruction.value_or(Reconstruction::kExact)));
+    read.read = source->read_stats();
+    return read;
+  };
+  FOVEA_ASSIGN_OR_RETURN(VolumeCache::Found found,
+                         shared.cache->Get(VolumeKey(shared.dataset, step, field, resolved), make));
+  if (!found.hit) {
+    stats->read_ms += found.volume->times.read_ms;
+    stats->reconstruct_ms += found.volume->times.reconstruct_ms;
+  }
+  return found;
+}
+
+void AddFoundStats(const VolumeCache::Found& found, const std::string& field, Frame* frame) {
+  store::ReadStats read = found.volume->read;
+  if (found.hit) {
+    read.chunks_read = read.bytes_read = 0;
+  }
+  AddReadStats(read, field, frame);
+}
+
+StatusOr<Frame> RenderShared(store::Dataset& dataset, int64_t step, const FrameSpec& resolved,
+                             int threads, const SharedVolumes& shared) {
+  const store::DatasetInfo info = dataset.info();
+  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained, PrepareRetained(info, resolved));
+  const render::RenderSettings settings = RenderSettingsOf(resolved, threads);
+  FrameStats stats;
+  const auto find = [&](const std::string& field) {
+    return FindVolume(dataset, step, field, retained, resolved, threads, shared, &stats);
+  };
+  FOVEA_ASSIGN_OR_RETURN(const VolumeCache::Found value, find(*resolved.field));
+  VolumeCache::Found color;
+  if (resolved.color_field) {
+    FOVEA_ASSIGN_OR_RETURN(color, find(*resolved.color_field));
+  }
+  const Volumes volumes{&value.volume->volume, color.volume ? &color.volume->volume : nullptr};
+  FOVEA_ASSIGN_OR_RETURN(FoveatedPicture picture,
+                         RenderVolumes(volumes, info.index_to_world, settings, &stats));
+  FOVEA_ASSIGN_OR_RETURN(
+      Frame frame, FinishFrame(std::move(picture), info, retained, resolved, settings, stats));
+  frame.step = step;
+  AddFoundStats(value, *resolved.field, &frame);
+  if (color.volume) {
+    AddFoundStats(color, *resolved.color_field, &frame);
+  }
+  return frame;
 }
 
 }  // namespace
@@ -230,54 +349,30 @@ render::FrameCounts CountFrame(const store::DatasetInfo& info, const RetainedSet
 StatusOr<Frame> RenderCoefficients(const FrameCoefficients& coefficients,
                                    const store::DatasetInfo& info, const FrameSpec& resolved,
                                    int threads) {
-  Frame frame;
-  frame.used = resolved;
-  frame.encoding = resolved.encoding;
-  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
-                         RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
-  FOVEA_RETURN_IF_ERROR(CheckMemory(info, retained, resolved));
-
+  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained, PrepareRetained(info, resolved));
   const render::RenderSettings settings = RenderSettingsOf(resolved, threads);
+  FrameStats stats;
   FOVEA_ASSIGN_OR_RETURN(
       FoveatedPicture picture,
       resolved.mode == Mode::kFused
-          ? RenderFused(coefficients, retained, info.index_to_world, settings, &frame.stats)
+          ? RenderFused(coefficients, retained, info.index_to_world, settings, &stats)
           : RenderTwoPhase(coefficients, retained, info.index_to_world, settings,
-                           resolved.reconstruction.value_or(Reconstruction::kExact), &frame.stats));
-  if (std::optional<Warning> warning = RetentionWarning(info, retained)) {
-    frame.warnings.push_back(*std::move(warning));
-  }
-  picture.smoothing = settings.smoothing;
-  picture.basis = settings.basis;
-  picture.background = *resolved.background;
-  if (resolved.fovea_marker) {
-    picture.marker = PixelOf(resolved.fovea->at, settings, info);
-  }
-  FOVEA_ASSIGN_OR_RETURN(frame.pixels,
-                         EncodePicture(std::move(picture), resolved, threads, &frame.stats));
-  frame.width_px = settings.width_px;
-  frame.height_px = settings.height_px;
-  const uint64_t fields = coefficients.color != nullptr ? 2 : 1;
-  frame.stats.coefficients = fields * static_cast<uint64_t>(retained.CoefficientCount());
-  frame.stats.super_voxels = fields * static_cast<uint64_t>(retained.SuperVoxelCount());
-  return frame;
+                           resolved.reconstruction.value_or(Reconstruction::kExact), &stats));
+  return FinishFrame(std::move(picture), info, retained, resolved, settings, stats);
 }
 
 StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name, int64_t step,
-                            const FrameSpec& resolved, int threads) {
+                            const FrameSpec& resolved, int threads, const SharedVolumes& shared) {
   FOVEA_ASSIGN_OR_RETURN(const int64_t time_ns, dataset.TimeNs(step));
   FOVEA_ASSIGN_OR_RETURN(const std::optional<int64_t> frame_number, dataset.FrameNumber(step));
-  FOVEA_ASSIGN_OR_RETURN(const Sources sources, OpenSources(dataset, step, resolved));
-  FOVEA_ASSIGN_OR_RETURN(Frame frame, RenderCoefficients({sources.value.get(), sources.color.get()},
-                                                         dataset.info(), resolved, threads));
+  const bool two_phase = resolved.mode != Mode::kFused;
+  FOVEA_ASSIGN_OR_RETURN(Frame frame, two_phase && shared.cache != nullptr
+                                          ? RenderShared(dataset, step, resolved, threads, shared)
+                                          : RenderUnshared(dataset, step, resolved, threads));
   frame.dataset = dataset_name;
   frame.step = step;
   frame.time_ns = time_ns;
   frame.frame_number = frame_number;
-  AddReadStats(sources.value->read_stats(), *resolved.field, &frame);
-  if (sources.color != nullptr) {
-    AddReadStats(sources.color->read_stats(), *resolved.color_field, &frame);
-  }
   return frame;
 }
 

@@ -9,6 +9,7 @@
 #include "engine/render/plan.h"
 #include "engine/store/dataset.h"
 #include "service/frames/spec.h"
+#include "service/frames/volume_cache.h"
 
 /// From a dataset and a spec to the bytes of a frame. The command line and the server both come
 /// through here, so that they give the same pictures. Thread-safe.
@@ -65,10 +66,13 @@ struct FrameCoefficients {
                                                  const FrameSpec& resolved, int threads);
 
 /// Reads, reconstructs, renders and encodes. `resolved` must come from ResolveSpec. The picture
-/// does not depend on `threads` (0: all processors). OUT_OF_RANGE for a step that is not there,
-/// RESOURCE_EXHAUSTED for what the machine's memory could not hold.
+/// does not depend on `threads` (0: all processors), nor on whether volumes are `shared` with other
+/// frames; a two-phase frame whose volume is there already reads nothing, and its statistics say
+/// so. OUT_OF_RANGE for a step that is not there, RESOURCE_EXHAUSTED for what the machine's memory
+/// could not hold.
 [[nodiscard]] StatusOr<Frame> RenderFrame(store::Dataset& dataset, const std::string& dataset_name,
-                                          int64_t step, const FrameSpec& resolved, int threads);
+                                          int64_t step, const FrameSpec& resolved, int threads,
+                                          const SharedVolumes& shared = {});
 
 /// What the frame of `resolved`, an orthographic view, counts and holds in memory while it is
 /// rendered.

@@ -11,6 +11,7 @@ namespace fovea::server {
 namespace {
 
 constexpr char kAuthorizationKey[] = "authorization";
+constexpr int64_t kCallBytes = int64_t{32} << 10;
 
 std::vector<std::string_view> AuthorizationOf(const grpc::CallbackServerContext& context) {
   std::vector<std::string_view> values;
@@ -62,6 +63,9 @@ StatusOr<Admission> Admit(Services& services, const grpc::CallbackServerContext&
   } else if (!ask.while_draining) {
     return DrainingError();
   }
+  // As bytes and parsed, and what gRPC and we keep of a call.
+  FOVEA_ASSIGN_OR_RETURN(admission.memory,
+                         services.requests.Reserve(2 * ask.bytes_in + kCallBytes));
   if (!ask.dataset.empty() && !caller.Sees(ask.dataset)) {
     return NoDataset(ask.dataset);
   }

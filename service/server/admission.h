@@ -29,6 +29,7 @@ struct Admission {
   std::shared_ptr<access::Caller> caller;  // never null: what it may do, and its quotas
   std::string client;                      // ClientOf: who shares the server fairly with others
   CallTracker::Slot slot;
+  MemoryBudget::Reservation memory;  // of the request and the call itself
   access::Caller::Stream stream;
 };
 
@@ -39,7 +40,8 @@ struct Admission {
 /// The one way into every method of fovea.v1, before anything else is done. UNAVAILABLE while the
 /// server drains; UNAUTHENTICATED without a token that it knows, if it asks for tokens;
 /// PERMISSION_DENIED without the right, or where nobody may write; NOT_FOUND, as if it were not
-/// there, for a dataset outside the token's prefix; RESOURCE_EXHAUSTED above a quota. Does not
+/// there, for a dataset outside the token's prefix; RESOURCE_EXHAUSTED above a quota, or
+/// when the calls that run take all the memory there is for them. Does not
 /// wait. Pixels are taken later, when they are known: `caller->TakePixels`. Thread-safe.
 [[nodiscard]] StatusOr<Admission> Admit(Services& services,
                                         const grpc::CallbackServerContext& context, const Ask& ask);

@@ -118,7 +118,8 @@ class Catalogue::Scanner {
 };
 
 StatusOr<std::unique_ptr<Catalogue>> Catalogue::Open(const std::string& root,
-                                                     std::chrono::milliseconds rescan_interval) {
+                                                     std::chrono::milliseconds rescan_interval,
+                                                     std::shared_ptr<frames::VolumeCache> volumes) {
   std::error_code error;
   const fs::path canonical = fs::canonical(root, error);
   if (error) {
@@ -138,7 +139,8 @@ StatusOr<std::unique_ptr<Catalogue>> Catalogue::Open(const std::string& root,
         "the root '{}' is itself a dataset: give the directory that holds it, '{}'", root,
         canonical.parent_path().string());
   }
-  auto catalogue = std::unique_ptr<Catalogue>(new Catalogue(canonical.string(), rescan_interval));
+  auto catalogue = std::unique_ptr<Catalogue>(
+      new Catalogue(canonical.string(), rescan_interval, std::move(volumes)));
   catalogue->Rescan(true);
   return catalogue;
 }
@@ -176,7 +178,8 @@ Catalogue::Entry Catalogue::OpenEntry(const std::string& name, const Identity& i
   Entry entry{identity, nullptr, absl::OkStatus()};
   auto dataset = store::Dataset::Open(identity.path);
   if (dataset.ok()) {
-    entry.dataset = std::make_shared<ServedDataset>(name, *std::move(dataset), rescan_interval_);
+    entry.dataset =
+        std::make_shared<ServedDataset>(name, *std::move(dataset), rescan_interval_, volumes_);
     spdlog::info("dataset '{}': {} steps", name, entry.dataset->dataset().info().committed_steps);
     return entry;
   }

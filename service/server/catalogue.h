@@ -28,9 +28,11 @@ class Catalogue {
   static constexpr size_t kMaxDatasets = 10'000;
 
   /// Looks through `root`. NOT_FOUND or FAILED_PRECONDITION if it is no readable directory. The
-  /// disk is looked at again at most once per `rescan_interval`.
+  /// disk is looked at again at most once per `rescan_interval`. Frames of its datasets share
+  /// `volumes`, if it is given.
   [[nodiscard]] static StatusOr<std::unique_ptr<Catalogue>> Open(
-      const std::string& root, std::chrono::milliseconds rescan_interval);
+      const std::string& root, std::chrono::milliseconds rescan_interval,
+      std::shared_ptr<frames::VolumeCache> volumes = nullptr);
 
   /// The dataset of this name, with its newest steps. A name that is not known makes the catalogue
   /// look at the disk again. NOT_FOUND; or why its store cannot be opened.
@@ -53,6 +55,8 @@ class Catalogue {
                           const std::function<bool(const std::string& name)>& visible);
 
   [[nodiscard]] size_t size() const;
+  /// Null if none is shared.
+  [[nodiscard]] frames::VolumeCache* volumes() const { return volumes_.get(); }
   /// `status` without the root's path in its message: clients need not know it.
   [[nodiscard]] Status WithoutRoot(const Status& status) const;
 
@@ -71,8 +75,9 @@ class Catalogue {
   using Found = std::map<std::string, Identity>;
   class Scanner;
 
-  Catalogue(std::string root, std::chrono::milliseconds rescan_interval)
-      : root_(std::move(root)), rescan_interval_(rescan_interval) {}
+  Catalogue(std::string root, std::chrono::milliseconds rescan_interval,
+            std::shared_ptr<frames::VolumeCache> volumes)
+      : root_(std::move(root)), rescan_interval_(rescan_interval), volumes_(std::move(volumes)) {}
 
   [[nodiscard]] static Identity IdentityOf(const std::string& path);
   [[nodiscard]] StatusOr<std::shared_ptr<ServedDataset>> FindEntry(const std::string& name,
@@ -84,6 +89,7 @@ class Catalogue {
 
   const std::string root_;  // canonical
   const std::chrono::milliseconds rescan_interval_;
+  const std::shared_ptr<frames::VolumeCache> volumes_;  // may be null
 
   std::mutex scan_mutex_;                     // held while the disk is looked at; before mutex_
   ServedDataset::Clock::time_point scanned_;  // guarded by scan_mutex_

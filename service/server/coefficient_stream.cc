@@ -12,7 +12,8 @@ constexpr int64_t kHeldBytes = 4 * static_cast<int64_t>(coefficients::kMaxBlockB
 }  // namespace
 
 void CoefficientStream::Start(StatusOr<wire::CoefficientsRequest> request,
-                              std::shared_ptr<access::Caller> caller) {
+                              std::shared_ptr<access::Caller> caller, const std::string& client) {
+  client_ = client;
   caller_ = std::move(caller);
   if (const Status status = Enqueue(std::move(request)); !status.ok()) {
     Handle([&](SequencePacer& pacer) { return pacer.OnOpenFailed(status); });
@@ -22,7 +23,10 @@ void CoefficientStream::Start(StatusOr<wire::CoefficientsRequest> request,
 Status CoefficientStream::Enqueue(StatusOr<wire::CoefficientsRequest> request) {
   FOVEA_RETURN_IF_ERROR(request.status());
   request_ = *std::move(request);
-  return services_.lookups.Submit(0, [self = shared_from_this()](int) { self->Open(); }).status();
+  return services_.lookups
+      .Submit(
+          0, [self = shared_from_this()](int) { self->Open(); }, client_)
+      .status();
 }
 
 bool CoefficientStream::over() {
@@ -100,11 +104,13 @@ void CoefficientStream::SubmitMake(int64_t index) {
     }
     // Only the first block of a stream asks to be let in.
     if (index == job_->first()) {
-      const auto ticket = services_.renders.Submit(CoefficientJob::WorkingBytes(), std::move(job));
+      const auto ticket =
+          services_.renders.Submit(CoefficientJob::WorkingBytes(), std::move(job), client_);
       ticket_ = ticket.ok() ? *ticket : 0;
       refused = ticket.status();
     } else {
-      ticket_ = services_.renders.SubmitAdmitted(CoefficientJob::WorkingBytes(), std::move(job));
+      ticket_ =
+          services_.renders.SubmitAdmitted(CoefficientJob::WorkingBytes(), std::move(job), client_);
     }
   }
   if (!refused.ok()) {

@@ -36,7 +36,8 @@ class CoefficientStream final : public std::enable_shared_from_this<CoefficientS
 
   /// Starts the stream for `caller`, or ends it with what is wrong with `request`, or why it was
   /// not let in. Call once, and first.
-  void Start(StatusOr<wire::CoefficientsRequest> request, std::shared_ptr<access::Caller> caller);
+  void Start(StatusOr<wire::CoefficientsRequest> request, std::shared_ptr<access::Caller> caller,
+             const std::string& client = "");
   void OnWriteDone(bool ok);
   void OnCancel();
 
@@ -54,6 +55,7 @@ class CoefficientStream final : public std::enable_shared_from_this<CoefficientS
 
   Services& services_;
   BlockSink& sink_;
+  std::string client_;  // whose turn its work takes (ClientOf); not changed after Start
   std::shared_ptr<access::Caller> caller_;  // not changed after Start; null if it was not let in
   wire::CoefficientsRequest request_;       // not changed after Start
   // Written by Prepare; then used by one Make at a time.

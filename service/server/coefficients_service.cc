@@ -27,7 +27,7 @@ class CoefficientReactor final : public grpc::ServerWriteReactor<v1::Coefficient
       return;
     }
     admission_ = *std::move(admission);
-    stream_->Start(wire::FromProto(request), admission_.caller);
+    stream_->Start(wire::FromProto(request), admission_.caller, admission_.client);
   }
 
   void Write(const v1::CoefficientBlock& block) override { StartWrite(&block); }

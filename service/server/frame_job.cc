@@ -14,6 +14,8 @@ namespace {
 
 /// No compressed picture is larger than this per pixel.
 constexpr int64_t kCompressedBytesPerPixel = 4;
+/// The picture's bytes, and what an encoder holds besides them.
+constexpr int64_t kEncoderBytesPerPixel = 12;
 /// Spec, statistics, bookkeeping.
 constexpr int64_t kReplyOverheadBytes = int64_t{256} << 10;
 
@@ -59,7 +61,8 @@ StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset
   const int64_t super_voxels = retained->SuperVoxelCount();
   job.pixels = *job.spec.width_px * *job.spec.height_px;
   FOVEA_RETURN_IF_ERROR(CheckCost(job.pixels, super_voxels, job.spec));
-  job.render_bytes = static_cast<int64_t>(frames::FrameBytes(info, *retained, job.spec));
+  job.render_bytes = static_cast<int64_t>(frames::FrameBytes(info, *retained, job.spec)) +
+                     kEncoderBytesPerPixel * job.pixels;
   const int64_t pixel_bytes =
       std::max(kCompressedBytesPerPixel, wire::RawPixelBytes(job.spec.encoding));
   job.reply_bytes =
@@ -70,9 +73,9 @@ StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset
 }
 
 StatusOr<v1::Frame> RenderJob(const FrameJob& job, int64_t step, uint64_t index, int threads) {
-  FOVEA_ASSIGN_OR_RETURN(
-      frames::Frame frame,
-      frames::RenderFrame(job.dataset->dataset(), job.dataset->name(), step, job.spec, threads));
+  FOVEA_ASSIGN_OR_RETURN(frames::Frame frame,
+                         frames::RenderFrame(job.dataset->dataset(), job.dataset->name(), step,
+                                             job.spec, threads, job.dataset->volumes()));
   frame.index = index;
   if (static_cast<int64_t>(frame.pixels.size()) > wire::kMaxFrameBytes) {
     return ResourceExhausted(

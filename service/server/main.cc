@@ -53,6 +53,10 @@ void AddFlags(CLI::App& app, Flags* flags) {
   app.add_flag("--admin-any-address", flags->server.admin_any_address,
                "Allow an --admin address that other machines can reach: it asks nobody who they "
                "are");
+  app.add_option("--memory-limit", flags->server.memory_limit,
+                 "Memory of the whole process: an amount, or a share of the machine's")
+      ->type_name("16GB|50%")
+      ->capture_default_str();
   app.add_option("--threads", flags->server.threads, "Threads that render; 0: all processors")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();

@@ -11,8 +11,8 @@
 
 namespace fovea::server {
 
-/// How much memory replies may take, from before they are made until they are sent: what bounds a
-/// server whose clients ask faster than they read. Thread-safe; must outlive its reservations.
+/// One part of the memory that a server may take (MemoryPlan): what is reserved is free for others
+/// only when it is given back. Thread-safe; must outlive its reservations.
 class MemoryBudget {
  public:
   /// Bytes set aside, given back when it goes. Movable; a default one holds nothing.
@@ -48,8 +48,11 @@ class MemoryBudget {
       ++refused_;
       constexpr auto kRetry = std::chrono::seconds(1);
       Status full = ResourceExhausted(
-          "frames being made or sent already take {} MiB, and this call needs {} MiB more; the "
-          "server's limit is {} MiB; try again later, or ask for smaller frames",
+          "running calls and what is made and sent for them take {} MiB already, and this one "
+          "needs "
+          "{} MiB more; the server's limit for that is {} MiB (--memory-limit); try again later, "
+          "or "
+          "ask for smaller frames",
           used_bytes_ >> 20, (bytes >> 20) + 1, limit_bytes_ >> 20);
       // What can never be had is not worth waiting for.
       return bytes > limit_bytes_ ? full : wire::WithRetry(std::move(full), kRetry);

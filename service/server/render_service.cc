@@ -93,7 +93,7 @@ class SequenceReactor final : public grpc::ServerWriteReactor<v1::Frame>, public
       return;
     }
     admission_ = *std::move(admission);
-    stream_->Start(wire::FromProto(request), admission_.caller);
+    stream_->Start(wire::FromProto(request), admission_.caller, admission_.client);
   }
 
   void Write(const v1::Frame& frame) override { StartWrite(&frame); }

@@ -11,7 +11,8 @@ constexpr int64_t kFramesHeld = 3;
 }  // namespace
 
 void SequenceStream::Start(StatusOr<wire::SequenceRequest> request,
-                           std::shared_ptr<access::Caller> caller) {
+                           std::shared_ptr<access::Caller> caller, const std::string& client) {
+  client_ = client;
   caller_ = std::move(caller);
   if (const Status status = Admit(std::move(request)); !status.ok()) {
     Handle([&](SequencePacer& pacer) { return pacer.OnOpenFailed(status); });
@@ -26,7 +27,10 @@ Status SequenceStream::Admit(StatusOr<wire::SequenceRequest> request) {
         services_.streams.Add(caller_->name(), request_.stream_id, weak_from_this()));
     registered_ = true;
   }
-  return services_.lookups.Submit(0, [self = shared_from_this()](int) { self->Open(); }).status();
+  return services_.lookups
+      .Submit(
+          0, [self = shared_from_this()](int) { self->Open(); }, client_)
+      .status();
 }
 
 void SequenceStream::Open() {
@@ -125,11 +129,11 @@ void SequenceStream::SubmitRender(int64_t index) {
     asked_ = Stopwatch();
     // Only the first frame of a stream asks to be let in.
     if (index == static_cast<int64_t>(request_.start_index)) {
-      const auto ticket = services_.renders.Submit(job_.render_bytes, std::move(job));
+      const auto ticket = services_.renders.Submit(job_.render_bytes, std::move(job), client_);
       ticket_ = ticket.ok() ? *ticket : 0;
       refused = ticket.status();
     } else {
-      ticket_ = services_.renders.SubmitAdmitted(job_.render_bytes, std::move(job));
+      ticket_ = services_.renders.SubmitAdmitted(job_.render_bytes, std::move(job), client_);
     }
   }
   if (!refused.ok()) {

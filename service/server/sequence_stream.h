@@ -43,7 +43,8 @@ class SequenceStream final : public AcknowledgedStream,
 
   /// Starts the stream for `caller`, or ends it with what is wrong with `request`, or why it was
   /// not let in. Call once, and first.
-  void Start(StatusOr<wire::SequenceRequest> request, std::shared_ptr<access::Caller> caller);
+  void Start(StatusOr<wire::SequenceRequest> request, std::shared_ptr<access::Caller> caller,
+             const std::string& client = "");
   void OnWriteDone(bool ok);
   void OnCancel();
   Status Acknowledge(uint64_t index) override;
@@ -65,6 +66,7 @@ class SequenceStream final : public AcknowledgedStream,
   Services& services_;
   FrameSink& sink_;
   Metrics::Method& counters_;
+  std::string client_;  // whose turn its work takes (ClientOf); not changed after Start
   std::shared_ptr<access::Caller> caller_;  // not changed after Start; null if it was not let in
   wire::SequenceRequest request_;           // not changed after Start
   bool registered_ = false;                 // not changed after Start

@@ -1,6 +1,7 @@
 #ifndef SERVICE_SERVER_SERVED_DATASET_H_
 #define SERVICE_SERVER_SERVED_DATASET_H_
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -12,6 +13,7 @@
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
 #include "service/frames/spec.h"
+#include "service/frames/volume_cache.h"
 #include "service/wire/dataset_summary.h"
 
 namespace fovea::server {
@@ -23,14 +25,19 @@ class ServedDataset {
   using Clock = std::chrono::steady_clock;
 
   ServedDataset(std::string name, std::shared_ptr<store::Dataset> dataset,
-                std::chrono::milliseconds refresh_interval)
+                std::chrono::milliseconds refresh_interval,
+                std::shared_ptr<frames::VolumeCache> volumes = nullptr)
       : name_(std::move(name)),
         dataset_(std::move(dataset)),
         refresh_interval_(refresh_interval),
+        volumes_(std::move(volumes)),
+        id_(NextId()),
         refreshed_(Clock::now()) {}
 
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] store::Dataset& dataset() { return *dataset_; }
+  /// Where its frames find the volumes of others.
+  [[nodiscard]] frames::SharedVolumes volumes() const { return {volumes_.get(), id_}; }
 
   /// Looks for new steps, unless that was done less than the interval ago and need not be `now`.
   [[nodiscard]] Status Refresh(bool now);
@@ -40,9 +47,16 @@ class ServedDataset {
   [[nodiscard]] StatusOr<wire::DatasetSummary> Summary(bool with_default_spec);
 
  private:
+  static uint64_t NextId() {
+    static std::atomic<uint64_t> last = 0;
+    return ++last;
+  }
+
   const std::string name_;
   const std::shared_ptr<store::Dataset> dataset_;
   const std::chrono::milliseconds refresh_interval_;
+  const std::shared_ptr<frames::VolumeCache> volumes_;  // may be null
+  const uint64_t id_;                                   // of no other in this process
 
   std::mutex refresh_mutex_;
   Clock::time_point refreshed_;  // guarded by refresh_mutex_

@@ -24,6 +24,7 @@
 #include "service/server/file_watch.h"
 #include "service/server/ingest_service.h"
 #include "service/server/listener.h"
+#include "service/server/memory_plan.h"
 #include "service/server/render_service.h"
 #include "service/server/services.h"
 #include "service/server/state_metrics.h"
@@ -36,9 +37,6 @@ namespace {
 
 constexpr int kLookupThreads = 2;
 constexpr int kMaxLookupsWaiting = 1000;
-constexpr int64_t kMaxRunningBytes = int64_t{4} << 30;  // of frames being rendered
-constexpr int64_t kMaxReplyBytes = int64_t{1} << 30;    // of frames made and not yet sent
-constexpr size_t kTransportBytes = size_t{512} << 20;   // gRPC's own buffers
 constexpr int kDefaultMaxConnections = 1000;
 constexpr char kRenderServiceName[] = "fovea.v1.Render";
 
@@ -60,11 +58,12 @@ void SetUpGrpc() {
   static_cast<void>(done);
 }
 
-void SetLimits(grpc::ServerBuilder& builder) {
+void SetLimits(grpc::ServerBuilder& builder, int64_t transport_bytes) {
   builder.SetMaxReceiveMessageSize(wire::kMaxRequestMessageBytes);
   builder.SetMaxSendMessageSize(wire::kMaxReplyMessageBytes);
   builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);
-  builder.SetResourceQuota(grpc::ResourceQuota("fovead").Resize(kTransportBytes));
+  builder.SetResourceQuota(
+      grpc::ResourceQuota("fovead").Resize(static_cast<size_t>(transport_bytes)));
   const std::pair<const char*, int> arguments[] = {
       {GRPC_ARG_KEEPALIVE_TIME_MS, 20'000},
       {GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 5'000},
@@ -121,8 +120,9 @@ struct SeenFiles {
 class GrpcServer final : public Server {
  public:
   GrpcServer(std::unique_ptr<Catalogue> catalogue, std::unique_ptr<access::Gate> gate,
-             const ServerOptions& options)
-      : services_(std::move(catalogue), std::move(gate), kMaxReplyBytes,
+             const ServerOptions& options, const MemoryPlan& memory)
+      : memory_(memory),
+        services_(std::move(catalogue), std::move(gate), memory.replies,
                   {.name = "lookup queue",
                    .flag = "",
                    .threads = kLookupThreads,
@@ -131,8 +131,8 @@ class GrpcServer final : public Server {
                    .flag = fmt::format("--render-queue {}", options.render_queue),
                    .threads = options.threads > 0 ? options.threads : HardwareThreads(),
                    .max_waiting = options.render_queue,
-                   .max_running_bytes = kMaxRunningBytes},
-                  options.allow_ingest || !options.tokens.empty()),
+                   .max_running_bytes = memory.rendering},
+                  options.allow_ingest || !options.tokens.empty(), memory.requests),
         datasets_(services_),
         ingest_(services_),
         render_(services_),
@@ -148,7 +148,7 @@ class GrpcServer final : public Server {
       credentials = tls_ = std::make_shared<TlsCredentials>(*std::move(certificates));
     }
     grpc::ServerBuilder builder;
-    SetLimits(builder);
+    SetLimits(builder, memory_.transport);
     connections_ = builder.experimental().AddExternalConnectionAcceptor(
         grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials);
     std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> observers;
@@ -271,11 +271,16 @@ class GrpcServer final : public Server {
 StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   FOVEA_ASSIGN_OR_RETURN(const wire::HostPort address, wire::ParseHostPort(options.listen));
   FOVEA_RETURN_IF_ERROR(CheckExposure(address.loopback, options));
+  FOVEA_ASSIGN_OR_RETURN(const int64_t limit_bytes,
+                         ParseMemoryLimit(options.memory_limit, MachineBytes()));
+  FOVEA_ASSIGN_OR_RETURN(const MemoryPlan memory, MemoryPlan::Divide(limit_bytes));
   std::unique_ptr<AdminServer> admin;
   if (!options.admin.empty()) {  // first: it says "starting" while the catalogue is read
     FOVEA_ASSIGN_OR_RETURN(admin, AdminServer::Start(options.admin, options.admin_any_address));
   }
-  FOVEA_ASSIGN_OR_RETURN(auto catalogue, Catalogue::Open(options.root, options.rescan_interval));
+  FOVEA_ASSIGN_OR_RETURN(auto catalogue,
+                         Catalogue::Open(options.root, options.rescan_interval,
+                                         std::make_shared<frames::VolumeCache>(memory.volumes)));
   FOVEA_ASSIGN_OR_RETURN(Listener listener, Listen(address));
   FOVEA_RETURN_IF_ERROR(CheckExposure(listener.loopback, options));
   SeenFiles seen{FileWatch::Look({options.tokens}), FileWatch::Look(options.tls.Paths())};
@@ -290,7 +295,8 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
                  options.listen);
   }
   SetUpGrpc();
-  auto server = std::make_unique<GrpcServer>(std::move(catalogue), std::move(gate), options);
+  auto server =
+      std::make_unique<GrpcServer>(std::move(catalogue), std::move(gate), options, memory);
   FOVEA_RETURN_IF_ERROR(
       server->Serve(std::move(listener), LimitsOf(options), std::move(certificates)));
   server->Watch(options, std::move(seen));

@@ -21,6 +21,7 @@ struct ServerOptions {
   CertificateFiles tls;                    // given: TLS, else plaintext
   bool allow_ingest = false;               // without tokens everyone may write, or nobody
   std::string tokens;                      // file of access::ReadTokenFile; empty: no tokens asked
+  std::string memory_limit = "50%";        // of the whole process: ParseMemoryLimit
   int threads = 0;                         // that render; 0: all processors
   int render_queue = 64;                   // frames that may wait to be rendered
   int max_connections = 0;  // 0: 1000, or half of the descriptors the process may open if fewer

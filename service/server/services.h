@@ -27,10 +27,11 @@ struct Services {
 
   Services(std::unique_ptr<Catalogue> datasets, std::unique_ptr<access::Gate> the_gate,
            int64_t reply_bytes, WorkPool::Limits lookup_limits, WorkPool::Limits render_limits,
-           bool may_write = false)
+           bool may_write = false, int64_t request_bytes = INT64_MAX)
       : catalogue(std::move(datasets)),
         gate(std::move(the_gate)),
         writable(may_write),
+        requests(request_bytes),
         replies(reply_bytes),
         steps(*catalogue, StepFeed::kInterval, StepFeed::kAbsentInterval),
         renders(std::move(render_limits)),
@@ -43,7 +44,8 @@ struct Services {
   Metrics metrics;
   CallObserver observer{metrics};
   CallTracker calls;
-  MemoryBudget replies;
+  MemoryBudget requests;  // of calls that run
+  MemoryBudget replies;   // being made or sent
   StreamRegistry streams;
   StepFeed steps;  // tells of what is committed
   std::atomic<uint64_t> frames_rendered = 0;

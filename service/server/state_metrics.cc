@@ -76,13 +76,30 @@ void AddQueues(Services& services, Families* families) {
 
 void AddMemory(Services& services, Families* families) {
   families->Gauge("fovea_memory_used_bytes", "Estimated, of the parts of the memory limit", "part",
-                  {{"replies", Number(services.replies.used_bytes())},
+                  {{"requests", Number(services.requests.used_bytes())},
+                   {"replies", Number(services.replies.used_bytes())},
                    {"rendering", Number(services.renders.counts().running_bytes)}});
   families->Gauge("fovea_memory_limit_bytes", "Of the parts of the memory limit", "part",
-                  {{"replies", Number(services.replies.limit_bytes())},
+                  {{"requests", Number(services.requests.limit_bytes())},
+                   {"replies", Number(services.replies.limit_bytes())},
                    {"rendering", Number(services.renders.limits().max_running_bytes)}});
   families->Counter("fovea_memory_refused_total", "Calls refused for want of memory", "part",
-                    {{"replies", Number(services.replies.refused())}});
+                    {{"requests", Number(services.requests.refused())},
+                     {"replies", Number(services.replies.refused())}});
+}
+
+void AddVolumes(frames::VolumeCache& volumes, Families* families) {
+  const frames::VolumeCache::Counts counts = volumes.counts();
+  families->Counter("fovea_cache_hits_total", "Volumes of frames that were there, or being made",
+                    "", {{"", Number(counts.hits)}});
+  families->Counter("fovea_cache_misses_total", "Volumes that were read and reconstructed", "",
+                    {{"", Number(counts.misses)}});
+  families->Counter("fovea_cache_evictions_total", "Volumes dropped for others", "",
+                    {{"", Number(counts.evictions)}});
+  families->Gauge("fovea_cache_bytes", "Memory of the volumes kept", "",
+                  {{"", Number(counts.bytes)}});
+  families->Gauge("fovea_cache_limit_bytes", "What they may take", "",
+                  {{"", Number(volumes.limit_bytes())}});
 }
 
 void AddConnections(Acceptor& acceptor, Families* families) {
@@ -149,6 +166,9 @@ std::vector<MetricFamily> StateMetrics(Services& services, Acceptor& acceptor) {
                    {{"", Number(services.frames_rendered.load())}});
   AddQueues(services, &families);
   AddMemory(services, &families);
+  if (services.catalogue->volumes() != nullptr) {
+    AddVolumes(*services.catalogue->volumes(), &families);
+  }
   AddConnections(acceptor, &families);
   AddProcess(&families);
   return families.Take();

@@ -50,12 +50,14 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
       if (over_) {
         return;
       }
-      auto ticket =
-          pool.Submit(bytes, [self = this->shared_from_this(), job = std::move(job)](int threads) {
+      auto ticket = pool.Submit(
+          bytes,
+          [self = this->shared_from_this(), job = std::move(job)](int threads) {
             if (!self->over()) {
               job(threads);
             }
-          });
+          },
+          admission_.client);
       if (ticket.ok()) {
         pool_ = &pool;
         ticket_ = *ticket;

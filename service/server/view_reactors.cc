@@ -32,7 +32,7 @@ class FrameReactor : public Reactor, public FrameSink {
       return false;
     }
     admission_ = *std::move(admission);
-    stream_->Start(admission_.caller);
+    stream_->Start(admission_.caller, admission_.client);
     return true;
   }
 

@@ -13,7 +13,9 @@ constexpr int64_t kFramesHeld = 3;
 
 }  // namespace
 
-void ViewStream::Start(StatusOr<std::shared_ptr<access::Caller>> caller) {
+void ViewStream::Start(StatusOr<std::shared_ptr<access::Caller>> caller,
+                       const std::string& client) {
+  client_ = client;
   if (caller.ok()) {
     caller_ = *std::move(caller);
   } else {
@@ -180,8 +182,8 @@ void ViewStream::Handle(const std::function<ViewPacer::Actions(ViewPacer&)>& eve
 
 void ViewStream::Act(ViewPacer::Actions actions) {
   if (actions.open) {
-    const auto ticket =
-        services_.lookups.Submit(0, [self = shared_from_this()](int) { self->Open(); });
+    const auto ticket = services_.lookups.Submit(
+        0, [self = shared_from_this()](int) { self->Open(); }, client_);
     if (!ticket.ok()) {
       Handle([&](ViewPacer& pacer) { return pacer.OnOpened(ticket.status(), false); });
     }
@@ -208,9 +210,9 @@ void ViewStream::SubmitRender() {
     asked_ = Stopwatch();
     const int64_t bytes = opened_->job.render_bytes;
     if (admitted_) {  // only the first frame of a stream asks to be let in
-      ticket_ = services_.renders.SubmitAdmitted(bytes, std::move(job));
+      ticket_ = services_.renders.SubmitAdmitted(bytes, std::move(job), client_);
     } else {
-      const auto ticket = services_.renders.Submit(bytes, std::move(job));
+      const auto ticket = services_.renders.Submit(bytes, std::move(job), client_);
       admitted_ = ticket.ok();
       ticket_ = ticket.ok() ? *ticket : 0;
       refused = ticket.status();

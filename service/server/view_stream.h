@@ -30,7 +30,7 @@ class ViewStream final : public std::enable_shared_from_this<ViewStream> {
         counters_(services.metrics.OfMethod(std::string("/fovea.v1.Render/") + method)) {}
 
   /// Call once, and first: on whose behalf, or why it is not let in.
-  void Start(StatusOr<std::shared_ptr<access::Caller>> caller);
+  void Start(StatusOr<std::shared_ptr<access::Caller>> caller, const std::string& client = "");
   void OnView(wire::ViewRequest view);
   void OnExploreRequest(const v1::ExploreRequest& request);  // one at a time
   void OnError(const Status& error);
@@ -60,6 +60,7 @@ class ViewStream final : public std::enable_shared_from_this<ViewStream> {
   Services& services_;
   FrameSink& sink_;
   Metrics::Method& counters_;
+  std::string client_;  // whose turn its work takes (ClientOf); not changed after Start
   std::shared_ptr<access::Caller> caller_;  // not changed after Start
   wire::ExploreRequests requests_;          // OnExploreRequest's
 

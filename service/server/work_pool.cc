@@ -17,10 +17,10 @@ WorkPool::WorkPool(Limits limits) : limits_(std::move(limits)) {
 
 WorkPool::~WorkPool() {
   {
-    std::deque<Entry> dropped;  // destroyed without the lock: a job may own whatever it likes
+    std::map<std::string, std::deque<Entry>> dropped;  // without the lock: jobs own what they like
     const std::lock_guard lock(mutex_);
     stopping_ = true;
-    dropped.swap(waiting_);
+    dropped.swap(lines_);
   }
   changed_.notify_all();
   for (std::thread& thread : threads_) {
@@ -28,27 +28,50 @@ WorkPool::~WorkPool() {
   }
 }
 
-StatusOr<WorkPool::Ticket> WorkPool::Submit(int64_t bytes, Job job) {
+StatusOr<WorkPool::Ticket> WorkPool::Submit(int64_t bytes, Job job, const std::string& client) {
+  constexpr auto kRetry = std::chrono::seconds(1);
   const std::lock_guard lock(mutex_);
-  if (static_cast<int64_t>(waiting_.size()) >= limits_.max_waiting) {
+  const auto line = lines_.find(client);
+  const int64_t mine = line == lines_.end() ? 0 : static_cast<int64_t>(line->second.size());
+  const std::string flag = limits_.flag.empty() ? "" : " (" + limits_.flag + ")";
+  if (bytes > limits_.max_running_bytes) {
     ++refused_;
-    constexpr auto kRetry = std::chrono::seconds(1);
+    return ResourceExhausted(
+        "this call needs {} MiB of memory while it is worked on, and this server has {} for all of "
+        "them (--memory-limit); ask for a lower rate or a smaller picture",
+        (bytes >> 20) + 1, limits_.max_running_bytes >> 20);
+  }
+  if (waiting_ >= limits_.max_waiting) {
+    ++refused_;
+    return wire::WithRetry(ResourceExhausted("the {} is full: {} calls wait already{}; try again "
+                                             "later",
+                                             limits_.name, waiting_, flag),
+                           kRetry);
+  }
+  if (mine >= limits_.max_waiting - waiting_) {
+    ++refused_;
     return wire::WithRetry(
-        ResourceExhausted("the {} is full: {} calls wait already{}; try again later", limits_.name,
-                          limits_.max_waiting,
-                          limits_.flag.empty() ? "" : " (" + limits_.flag + ")"),
+        ResourceExhausted(
+            "this client has its share of the {}: {} of its calls wait already, of {} "
+            "in all{}; try again later",
+            limits_.name, mine, waiting_, flag),
         kRetry);
   }
-  return Push(bytes, std::move(job));
+  return Push(client, bytes, std::move(job));
 }
 
-WorkPool::Ticket WorkPool::SubmitAdmitted(int64_t bytes, Job job) {
+WorkPool::Ticket WorkPool::SubmitAdmitted(int64_t bytes, Job job, const std::string& client) {
   const std::lock_guard lock(mutex_);
-  return Push(bytes, std::move(job));
+  return Push(client, bytes, std::move(job));
 }
 
-WorkPool::Ticket WorkPool::Push(int64_t bytes, Job job) {
-  waiting_.push_back({++last_ticket_, bytes, std::move(job)});
+WorkPool::Ticket WorkPool::Push(const std::string& client, int64_t bytes, Job job) {
+  std::deque<Entry>& line = lines_[client];
+  if (line.empty()) {
+    turns_.push_back(client);
+  }
+  line.push_back({++last_ticket_, bytes, std::move(job)});
+  ++waiting_;
   changed_.notify_one();
   return last_ticket_;
 }
@@ -57,13 +80,23 @@ bool WorkPool::Remove(Ticket ticket) {
   Entry removed;  // destroyed without the lock
   {
     const std::lock_guard lock(mutex_);
-    const auto found = std::find_if(waiting_.begin(), waiting_.end(),
-                                    [&](const Entry& entry) { return entry.ticket == ticket; });
-    if (found == waiting_.end()) {
-      return false;
+    for (auto& [client, line] : lines_) {
+      const auto found = std::find_if(line.begin(), line.end(),
+                                      [&](const Entry& entry) { return entry.ticket == ticket; });
+      if (found != line.end()) {
+        removed = std::move(*found);
+        line.erase(found);
+        --waiting_;
+        if (line.empty()) {
+          turns_.erase(std::find(turns_.begin(), turns_.end(), client));
+          lines_.erase(client);
+        }
+        break;
+      }
     }
-    removed = std::move(*found);
-    waiting_.erase(found);
+  }
+  if (removed.ticket == 0) {
+    return false;
   }
   changed_.notify_all();  // what comes next may need less memory than what was removed
   return true;
@@ -71,12 +104,26 @@ bool WorkPool::Remove(Ticket ticket) {
 
 WorkPool::Counts WorkPool::counts() {
   const std::lock_guard lock(mutex_);
-  return {static_cast<int64_t>(waiting_.size()), running_, running_bytes_, refused_};
+  return {waiting_, running_, running_bytes_, refused_};
 }
 
 bool WorkPool::MayStart() const {
-  return !waiting_.empty() &&
-         (running_ == 0 || waiting_.front().bytes <= limits_.max_running_bytes - running_bytes_);
+  return !turns_.empty() && (running_ == 0 || lines_.at(turns_.front()).front().bytes <=
+                                                  limits_.max_running_bytes - running_bytes_);
+}
+
+WorkPool::Entry WorkPool::TakeNext() {
+  const auto line = lines_.find(turns_.front());
+  Entry entry = std::move(line->second.front());
+  line->second.pop_front();
+  --waiting_;
+  if (line->second.empty()) {
+    lines_.erase(line);
+  } else {
+    turns_.push_back(turns_.front());
+  }
+  turns_.pop_front();
+  return entry;
 }
 
 void WorkPool::Run() {
@@ -86,8 +133,7 @@ void WorkPool::Run() {
     if (stopping_) {
       return;
     }
-    Entry entry = std::move(waiting_.front());
-    waiting_.pop_front();
+    Entry entry = TakeNext();
     ++running_;
     running_bytes_ += entry.bytes;
     const int share = std::max(1, limits_.threads / running_);

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -15,15 +16,16 @@
 namespace fovea::server {
 
 /// A fixed number of threads and a bounded queue in front of them: gRPC's own threads hand work
-/// over here and never wait. First come, first served. Thread-safe.
+/// over here and never wait. Clients take turns: each has a line of its own, first come, first
+/// served, and a thread that is free takes the first of the next client's line. Thread-safe.
 class WorkPool {
  public:
   struct Limits {
     std::string name;                       // in errors: "render queue"
     std::string flag;                       // in errors: what raises `max_waiting`; may be empty
     int threads = 1;                        // at least 1
-    int max_waiting = 64;                   // jobs of Submit that wait
-    int64_t max_running_bytes = INT64_MAX;  // of the jobs that run; a larger one runs alone
+    int max_waiting = 64;                   // jobs of Submit that wait, of all clients
+    int64_t max_running_bytes = INT64_MAX;  // of the jobs that run
   };
   /// `threads` is the job's share of the pool's threads, at least 1.
   using Job = std::function<void(int threads)>;
@@ -41,11 +43,14 @@ class WorkPool {
   WorkPool(const WorkPool&) = delete;
   WorkPool& operator=(const WorkPool&) = delete;
 
-  /// RESOURCE_EXHAUSTED, naming the limit, with RetryInfo, when `max_waiting` jobs wait already.
-  /// `bytes` is the memory that the job will use.
-  [[nodiscard]] StatusOr<Ticket> Submit(int64_t bytes, Job job);
-  /// For the next piece of something that was admitted before: never refused.
-  Ticket SubmitAdmitted(int64_t bytes, Job job);
+  /// RESOURCE_EXHAUSTED, naming the limit, with RetryInfo, unless more places are free than jobs of
+  /// `client` wait: one alone may fill half of the queue, and a newcomer finds a place. `bytes` is
+  /// the memory that the job will use; above max_running_bytes it can never run, and is refused
+  /// without RetryInfo.
+  [[nodiscard]] StatusOr<Ticket> Submit(int64_t bytes, Job job, const std::string& client = "");
+  /// For the next piece of something that was admitted before: never refused. Runs alone if it
+  /// needs more than max_running_bytes.
+  Ticket SubmitAdmitted(int64_t bytes, Job job, const std::string& client = "");
   /// Whether the job was still waiting; it is dropped then, and never runs.
   bool Remove(Ticket ticket);
 
@@ -60,14 +65,18 @@ class WorkPool {
   };
 
   void Run();
-  [[nodiscard]] bool MayStart() const;  // with mutex_ held
-  Ticket Push(int64_t bytes, Job job);  // with mutex_ held
+  // All three with mutex_ held.
+  [[nodiscard]] bool MayStart() const;
+  [[nodiscard]] Entry TakeNext();
+  Ticket Push(const std::string& client, int64_t bytes, Job job);
 
   const Limits limits_;
   std::mutex mutex_;
   std::condition_variable changed_;
   // All below: guarded by mutex_.
-  std::deque<Entry> waiting_;
+  std::map<std::string, std::deque<Entry>> lines_;  // by client; none is empty
+  std::deque<std::string> turns_;                   // the clients of lines_; the first is next
+  int64_t waiting_ = 0;                             // in all lines
   Ticket last_ticket_ = 0;
   int running_ = 0;
   int64_t running_bytes_ = 0;

@@ -3,12 +3,14 @@
 #include <atomic>
 #include <future>
 #include <latch>
+#include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "service/server/call_tracker.h"
 #include "service/server/memory_budget.h"
+#include "service/wire/status.h"
 #include "tests/support/status_matchers.h"
 
 namespace fovea::server {
@@ -106,8 +108,69 @@ TEST(WorkPoolTest, JobsThatNeedTooMuchMemoryTogetherRunOneAfterTheOther) {
                         })
                 .status());
   ASSERT_OK(pool.Submit(4, [&](int) { small_started.set_value(); }).status());
-  ASSERT_OK(pool.Submit(50, [&](int) { large_started.set_value(); }).status());  // alone
+  pool.SubmitAdmitted(50, [&](int) { large_started.set_value(); });  // alone
   EXPECT_FALSE(overlapped.get_future().get());
+}
+
+TEST(WorkPoolTest, WhatCanNeverRunIsRefused) {
+  WorkPool pool(Limits(1, 10, 10));
+  const Status status = pool.Submit(11, [](int) {}).status();
+  EXPECT_THAT(status, FailsWith(absl::StatusCode::kResourceExhausted, "--memory-limit"));
+  EXPECT_FALSE(wire::RetryDelayOf(status).has_value());
+}
+
+TEST(WorkPoolTest, ClientsTakeTurns) {
+  Gate gate;
+  std::string order;  // one thread writes it
+  std::latch done(8);
+  WorkPool pool(Limits(1, 100));
+  ASSERT_OK(pool.Submit(0, gate.Job()).status());
+  gate.AwaitStart();
+  const auto submit = [&](const std::string& client, int jobs) {
+    for (int i = 0; i < jobs; ++i) {
+      ASSERT_OK(pool.Submit(
+                        0,
+                        [&, client](int) {
+                          order += client;
+                          done.count_down();
+                        },
+                        client)
+                    .status());
+    }
+  };
+  submit("a", 5);
+  submit("b", 2);
+  submit("c", 1);
+  gate.Open();
+  done.wait();
+  EXPECT_EQ(order, "abcabaaa");
+}
+
+TEST(WorkPoolTest, OneClientLeavesRoomForOthers) {
+  Gate gate;
+  WorkPool pool(Limits(1, 8));
+  ASSERT_OK(pool.Submit(0, gate.Job()).status());
+  gate.AwaitStart();
+  const auto fill = [&](const std::string& client) {
+    int admitted = 0;
+    while (pool.Submit(
+                   0, [](int) {}, client)
+               .ok()) {
+      ++admitted;
+    }
+    return admitted;
+  };
+  EXPECT_EQ(fill("greedy"), 4);
+  const Status refused = pool.Submit(
+                                 0, [](int) {}, "greedy")
+                             .status();
+  EXPECT_THAT(refused, FailsWith(absl::StatusCode::kResourceExhausted, "its share"));
+  EXPECT_TRUE(wire::RetryDelayOf(refused).has_value());
+  EXPECT_EQ(fill("second"), 2);
+  EXPECT_EQ(fill("third"), 1);
+  EXPECT_EQ(pool.counts().waiting, 7);
+  EXPECT_EQ(pool.counts().refused, 4U);
+  gate.Open();
 }
 
 TEST(WorkPoolTest, AJobAloneGetsAllThreads) {
