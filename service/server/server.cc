@@ -250,6 +250,7 @@ class GrpcServer final : public Server {
     }
   }
 
+  const MemoryPlan memory_;
   Services services_;
   DatasetsService datasets_;
   IngestService ingest_;

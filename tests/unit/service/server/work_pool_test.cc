@@ -213,7 +213,7 @@ TEST(MemoryBudgetTest, GivesBackWhatWasReserved) {
   {
     ASSERT_OK_AND_ASSIGN(auto first, budget.Reserve(int64_t{60} << 20));
     EXPECT_THAT(budget.Reserve(int64_t{60} << 20),
-                FailsWith(absl::StatusCode::kResourceExhausted, "limit is 100 MiB"));
+                FailsWith(absl::StatusCode::kResourceExhausted, "for that is 100 MiB"));
     MemoryBudget::Reservation moved = std::move(first);
     EXPECT_FALSE(budget.Reserve(int64_t{60} << 20).ok());
   }
