@@ -63,6 +63,7 @@ struct SensorsCommand {
 struct InfoCommand {
   OutputOptions output;
   std::string dataset;  // may be empty with a server: all of its datasets
+  bool watch = false;   // of a server: go on with each step that is committed
   std::optional<std::string> server;
   client::Credentials credentials;  // for the server
 };

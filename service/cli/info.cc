@@ -123,9 +123,47 @@ void Print(const client::DatasetSummary& summary) {
   }
 }
 
+void PrintEvent(const client::DatasetEvent& event, bool as_json) {
+  json steps = json::array();
+  for (const client::DatasetEvent::Step& step : event.steps) {
+    if (!as_json) {
+      PrintLine(
+          fmt::format("step {}: {:.6g} s", step.step, static_cast<double>(step.time_ns) / 1e9));
+      continue;
+    }
+    steps.push_back({{"step", step.step}, {"time_ns", step.time_ns}});
+    if (step.frame_number) {
+      steps.back()["frame_number"] = *step.frame_number;
+    }
+  }
+  if (as_json) {
+    PrintJson({{"state", event.present ? "PRESENT" : "ABSENT"},
+               {"committed_steps", event.committed_steps},
+               {"steps", steps}});
+  } else if (!event.present) {
+    PrintLine("no dataset of this name is there");
+  }
+}
+
+Status Watch(const InfoCommand& command) {
+  FOVEA_ASSIGN_OR_RETURN(const auto client,
+                         client::Client::Connect(*command.server, command.credentials));
+  return client->WatchDataset(
+      {.dataset = command.dataset, .first_step = 0, .wait = true},
+      [&](const client::DatasetEvent& event) {
+        PrintEvent(event, command.output.json);
+        std::fflush(stdout);
+        return !Interrupted();
+      },
+      [] { return !Interrupted(); });
+}
+
 }  // namespace
 
 Status Run(const InfoCommand& command) {
+  if (command.watch) {
+    return Watch(command);
+  }
   std::vector<client::DatasetSummary> summaries;
   if (!command.server) {
     FOVEA_ASSIGN_OR_RETURN(client::DatasetSummary summary, LocalSummary(command.dataset));

@@ -94,10 +94,14 @@ CLI::App* AddInfo(CLI::App* app, InfoCommand* command) {
   CLI::App* verb = AddVerb(app, "info", "What is inside a dataset, or what a server has",
                            "  fovea info smoke.zarr\n"
                            "  fovea info --server 127.0.0.1:50051\n"
-                           "  fovea info --server 127.0.0.1:50051 smoke --json");
+                           "  fovea info --server 127.0.0.1:50051 smoke --json\n"
+                           "  fovea info --server 127.0.0.1:50051 lab/live --watch");
   verb->add_option("dataset", command->dataset, "The dataset's folder, or its name on the server")
       ->type_name("DS.zarr");
   AddServerFlags(verb, &command->server, &command->credentials);
+  verb->add_flag("--watch", command->watch,
+                 "With --server: a line for each step, those that are there and then each as it is "
+                 "committed, until Ctrl-C");
   AddOutputFlags(verb, &command->output);
   return verb;
 }
@@ -124,6 +128,9 @@ CLI::App* AddVerify(CLI::App* app, VerifyCommand* command) {
 }
 
 Status Check(InfoCommand* command) {
+  if (command->watch && (command->dataset.empty() || !command->server)) {
+    return InvalidArgument("--watch: name a dataset of a server (--server HOST:PORT)");
+  }
   if (command->dataset.empty() && !command->server) {
     return InvalidArgument("dataset is missing: name a folder, or a server with --server");
   }

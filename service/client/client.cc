@@ -13,6 +13,7 @@
 #include "service/client/call_options.h"
 #include "service/client/channel.h"
 #include "service/client/coefficient_reader.h"
+#include "service/client/event_reader.h"
 #include "service/client/frame_reader.h"
 #include "service/client/reading_sender_impl.h"
 #include "service/frames/frames.h"
@@ -84,6 +85,8 @@ class GrpcClient final : public Client {
   Status StreamCoefficients(
       const wire::CoefficientsRequest& request,
       const std::function<Status(const wire::CoefficientsMessage&)>& on_message) override;
+  Status WatchDataset(const WatchRequest& request, const OnEvent& on_event,
+                      const GoOn& go_on) override;
   StatusOr<std::unique_ptr<ReadingSender>> SendReadings(const ReadingsSpec& spec) override;
 
  private:
@@ -267,6 +270,35 @@ Status GrpcClient::StreamCoefficients(
     FOVEA_RETURN_IF_ERROR(Explain(on_message(*message)));
   }
   return Explain(wire::FromGrpc(reader.Finish()));
+}
+
+Status GrpcClient::WatchDataset(const WatchRequest& request, const OnEvent& on_event,
+                                const GoOn& go_on) {
+  if (request.first_step < 0) {
+    return InvalidArgument("first step {}: steps count from 0", request.first_step);
+  }
+  v1::WatchDatasetRequest proto;
+  proto.set_dataset(request.dataset);
+  proto.set_first_step(static_cast<uint64_t>(request.first_step));
+  proto.set_wait(request.wait);
+  while (true) {
+    bool came = false;
+    EventReader reader(*datasets_, proto, metadata_);
+    const Status status = reader.Run(
+        [&](const DatasetEvent& event) {
+          came = true;
+          if (!event.present) {
+            proto.set_first_step(0);
+          } else if (!event.steps.empty()) {
+            proto.set_first_step(static_cast<uint64_t>(event.steps.back().step) + 1);
+          }
+          return on_event(event);
+        },
+        go_on);
+    if (reader.stopped() || !came || !absl::IsUnavailable(status)) {
+      return Explain(status);
+    }
+  }
 }
 
 StatusOr<std::unique_ptr<ReadingSender>> GrpcClient::SendReadings(const ReadingsSpec& spec) {

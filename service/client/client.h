@@ -10,6 +10,7 @@
 
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
+#include "service/client/dataset_watch.h"
 #include "service/client/reading_sender.h"
 #include "service/frames/spec.h"
 #include "service/wire/coefficient_messages.h"
@@ -73,6 +74,10 @@ class Client {
   [[nodiscard]] virtual Status StreamCoefficients(
       const wire::CoefficientsRequest& request,
       const std::function<Status(const wire::CoefficientsMessage&)>& on_message) = 0;
+  /// Tells of each step of a dataset as it is committed, until it is told to stop (then OK) or the
+  /// server refuses. If the connection is lost after an event came, it goes on where it was.
+  [[nodiscard]] virtual Status WatchDataset(const WatchRequest& request, const OnEvent& on_event,
+                                            const GoOn& go_on) = 0;
   /// Opens a dataset of this server for readings. It must outlive what is returned.
   [[nodiscard]] virtual StatusOr<std::unique_ptr<ReadingSender>> SendReadings(
       const ReadingsSpec& spec) = 0;

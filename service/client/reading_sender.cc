@@ -6,14 +6,20 @@
 #include "engine/base/stopwatch.h"
 #include "service/client/reading_sender_impl.h"
 #include "service/wire/readings.h"
+#include "service/wire/status.h"
 
 namespace fovea::client {
 namespace {
 
-/// A call that ends so may go on in another: the server was away, restarts, or has not heard yet
-/// that the call before is over and holds the dataset.
+/// How a call ends that can go on in another: the server was away, restarts, or has a limit that is
+/// not reached for ever.
+bool IsPassing(const Status& status) {
+  return absl::IsUnavailable(status) || wire::RetryDelayOf(status).has_value();
+}
+
+/// Or it has not heard yet that the call before is over, and holds the dataset.
 bool MayResume(const Status& status) {
-  return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status);
+  return IsPassing(status) || absl::IsFailedPrecondition(status);
 }
 
 void Add(const sensors::ReadingCounts& more, sensors::ReadingCounts* counts) {
@@ -109,7 +115,7 @@ void GrpcReadingSender::TakeAnswer() {
 
 Status GrpcReadingSender::Resume(Status why) {
   TakeAnswer();
-  if (!absl::IsUnavailable(why)) {
+  if (!IsPassing(why)) {
     return why.ok() ? Internal("the server ended the call before the readings ended") : why;
   }
   const Stopwatch away;

@@ -151,7 +151,24 @@ class Live(support.FoveaTest):
             self.assertIsNone(report)
             self.assertIn("--allow-ingest", error)
 
+    def test_a_watch_prints_each_step(self):
+        with self.serve() as server:
+            watch = subprocess.Popen([support.FOVEA, "info", "live", "--server", server.address,
+                                      "--watch", "--json"], stdout=subprocess.PIPE, text=True)
+            self.assertEqual(json.loads(watch.stdout.readline())["state"], "ABSENT")
+            sender = Sender(server.port)
+            sender.write(lines_of_step(0) + lines_of_step(1) + lines_of_step(2))
+            steps = []
+            while len(steps) < 2:
+                steps += [s["step"] for s in json.loads(watch.stdout.readline())["steps"]]
+            self.assertEqual(steps, [0, 1])
+            watch.send_signal(signal.SIGINT)
+            self.assertEqual(watch.wait(20), 0)
+            watch.stdout.close()
+            self.assertIsNotNone(sender.end()[0])
+
     def test_wrong_usage(self):
+        self.refused(2, "info", "live", "--watch", says=["--server"])
         self.refused(2, "sensors", "-", "-o", "live", "--server", "127.0.0.1:1",
                      says=["--step-seconds"])
 

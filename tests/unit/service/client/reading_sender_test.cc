@@ -119,6 +119,63 @@ TEST_F(ReadingSenderTest, GoesOnWhenTheServerWasAway) {
   ExpectSteps(6);
 }
 
+TEST_F(ReadingSenderTest, WatchersAndFollowersOfTheClientSeeWhatIsSent) {
+  ASSERT_OK_AND_ASSIGN(const auto sender, client_->SendReadings(Spec()));
+  ASSERT_OK(SendStep(*sender, 0));
+  ASSERT_OK(SendStep(*sender, 1));
+  std::vector<int64_t> steps;
+  bool sent = false;
+  ASSERT_OK(client_->WatchDataset(
+      {"live", 0, false},
+      [&](const DatasetEvent& event) {
+        EXPECT_TRUE(event.present);
+        for (const DatasetEvent::Step& step : event.steps) {
+          steps.push_back(step.step);
+          EXPECT_EQ(step.time_ns, step.step * 1'000'000'000);
+          EXPECT_EQ(step.frame_number, step.step);
+        }
+        if (!sent && !steps.empty()) {
+          sent = true;
+          EXPECT_OK(SendStep(*sender, 2));
+          EXPECT_OK(SendStep(*sender, 3));
+        }
+        return steps.size() < 3;
+      },
+      nullptr));
+  EXPECT_EQ(steps, (std::vector<int64_t>{0, 1, 2}));
+  SequenceRequest follow;
+  follow.dataset = "live";
+  follow.follow = true;
+  follow.spec.width_px = 16;
+  follow.spec.height_px = 16;
+  std::vector<int64_t> seen;
+  ASSERT_OK(client_->RenderSequence(follow, [&](const frames::Frame& frame) {
+    seen.push_back(frame.step);
+    if (seen.size() == 1) {
+      EXPECT_OK(SendStep(*sender, 5));  // closes 3
+    }
+    return seen.size() < 2;
+  }));
+  EXPECT_EQ(seen, (std::vector<int64_t>{2, 3}));
+  follow.last = 3;
+  EXPECT_THAT(client_->RenderSequence(follow, nullptr),
+              FailsWith(absl::StatusCode::kInvalidArgument, "has no end"));
+  ASSERT_OK(sender->Finish());
+}
+
+TEST_F(ReadingSenderTest, AWatchCanBeStoppedWhileNothingHappens) {
+  int turns = 0;
+  EXPECT_OK(client_->WatchDataset(
+      {"nothing", 0, true},
+      [](const DatasetEvent& event) {
+        EXPECT_FALSE(event.present);
+        return true;
+      },
+      [&] { return ++turns < 2; }));
+  EXPECT_THAT(client_->WatchDataset({"nothing", 0, false}, nullptr, nullptr),
+              FailsWith(absl::StatusCode::kNotFound, "nothing"));
+}
+
 TEST_F(ReadingSenderTest, SaysWhatTheServerSays) {
   ReadingsSpec wrong = Spec();
   wrong.dataset = "../up";
