@@ -8,8 +8,8 @@
 namespace fovea::server {
 namespace {
 
-/// Readings in open steps of all streams, some 60 bytes each.
-constexpr int64_t kMostPendingReadings = int64_t{1} << 24;
+/// Set aside at a time: the first block is for messages that wait and the batch in hand.
+constexpr int64_t kMemoryBlock = int64_t{8} << 20;
 constexpr std::chrono::seconds kRetry{1};
 
 Status CancelledByClient() {
@@ -225,7 +225,7 @@ Status LiveStream::Open(const v1::StreamReadingsRequest& first) {
   }
   FOVEA_ASSIGN_OR_RETURN(ingest_, LiveIngest::Open(*services_.catalogue, spec_));
   services_.steps.Subscribe(spec_.dataset, weak_from_this());  // for when the server drains
-  return absl::OkStatus();
+  return ReserveMemory();
 }
 
 Status LiveStream::AddBatch(const v1::StreamReadingsRequest& message) {
@@ -247,19 +247,20 @@ Status LiveStream::AddBatch(const v1::StreamReadingsRequest& message) {
   first_sequence_ = first_sequence_ == 0 ? batch.sequence : first_sequence_;
   last_sequence_ = batch.sequence;
   last_came_ = batch.last;
-  return TakePending();
+  return ReserveMemory();
 }
 
-/// Counts the readings that wait in memory with those of all other streams.
-Status LiveStream::TakePending() {
-  const int64_t now = ingest_->counts().pending;
-  const int64_t all = services_.pending_readings += now - std::exchange(pending_, now);
-  if (all > kMostPendingReadings) {
-    return wire::WithRetry(
-        ResourceExhausted("{} readings of all clients wait for their steps to close, and the "
-                          "server's limit is {}: make steps shorter, or the watermark",
-                          all, kMostPendingReadings),
-        kRetry);
+/// As much as the readings of open steps take, in blocks.
+Status LiveStream::ReserveMemory() {
+  const int64_t bytes = ingest_->counts().pending * (48 + 8 * ingest_->fields());
+  const auto blocks = static_cast<size_t>(1 + (bytes + kMemoryBlock - 1) / kMemoryBlock);
+  while (memory_.size() > blocks) {
+    memory_.pop_back();
+  }
+  while (memory_.size() < blocks) {
+    auto block = services_.requests.Reserve(kMemoryBlock);
+    FOVEA_RETURN_IF_ERROR(Annotate(block.status(), "readings that wait for their steps to close"));
+    memory_.push_back(*std::move(block));
   }
   return absl::OkStatus();
 }
@@ -267,7 +268,7 @@ Status LiveStream::TakePending() {
 void LiveStream::Close() {
   const bool was_open = ingest_ != nullptr;
   ingest_.reset();
-  services_.pending_readings -= std::exchange(pending_, 0);
+  memory_.clear();
   if (was_open) {
     services_.steps.Poke(spec_.dataset);  // it may be gone again
   }

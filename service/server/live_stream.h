@@ -75,7 +75,7 @@ class LiveStream final : public StepListener, public std::enable_shared_from_thi
   [[nodiscard]] Status Take(std::vector<v1::StreamReadingsRequest> messages);
   [[nodiscard]] Status Open(const v1::StreamReadingsRequest& first);
   [[nodiscard]] Status AddBatch(const v1::StreamReadingsRequest& message);
-  [[nodiscard]] Status TakePending();
+  [[nodiscard]] Status ReserveMemory();
   void Close();
 
   Services& services_;
@@ -87,7 +87,7 @@ class LiveStream final : public StepListener, public std::enable_shared_from_thi
   uint64_t first_sequence_ = 0, last_sequence_ = 0;  // 0: no batch yet
   uint64_t acknowledged_ = 0;
   bool last_came_ = false;
-  int64_t pending_ = 0;  // counted in services_.pending_readings
+  std::vector<MemoryBudget::Reservation> memory_;  // what it works with, and its open steps
 
   std::mutex mutex_;
   // All below: guarded by mutex_.

@@ -49,8 +49,7 @@ struct Services {
   StreamRegistry streams;
   StepFeed steps;  // tells of what is committed
   std::atomic<uint64_t> frames_rendered = 0;
-  std::atomic<int> live_streams = 0;          // that write readings
-  std::atomic<int64_t> pending_readings = 0;  // of all of them, in open steps
+  std::atomic<int> live_streams = 0;  // that write readings
   WorkPool renders;
   WorkPool lookups;  // reads metadata, then hands over to `renders`
   WorkPool ingests;  // sorts readings and commits steps

@@ -171,7 +171,7 @@ TEST_F(LiveStreamTest, ManyStreamsAndClientsThatGo) {
     }
   }
   EXPECT_EQ(services_->live_streams, 0);
-  EXPECT_EQ(services_->pending_readings, 0);
+  EXPECT_EQ(services_->requests.used_bytes(), 0);
 }
 
 TEST_F(LiveStreamTest, OnlyOneOfManyWritesADataset) {
@@ -218,6 +218,28 @@ TEST_F(LiveStreamTest, NothingIsReadOnWhileTooMuchWaits) {
   go.set_value();
   EXPECT_OK(peer.Wait());
   EXPECT_EQ(peer.acknowledged(), kBatches);
+}
+
+TEST_F(LiveStreamTest, ReadingsOfOpenStepsTakeMemoryThatIsSetAside) {
+  constexpr int64_t kLimit = int64_t{20} << 20;
+  auto catalogue = Catalogue::Open(folder_.Path("root"), std::chrono::milliseconds(0));
+  ASSERT_OK(catalogue.status());
+  Services services(
+      *std::move(catalogue), *access::Gate::Open(""), int64_t{1} << 30,
+      WorkPool::Limits{.name = "lookup queue", .flag = "", .threads = 1, .max_waiting = 100},
+      WorkPool::Limits{.name = "render queue", .flag = "", .threads = 1, .max_waiting = 100}, true,
+      kLimit);
+  std::vector<v1::StreamReadingsRequest> messages = {Header("live")};
+  for (uint64_t i = 1; i <= 40; ++i) {
+    messages.push_back(Batch(i, 10'000));
+    for (auto& time_ns : *messages.back().mutable_batch()->mutable_time_ns()) {
+      time_ns = 0;  // all of one step
+    }
+  }
+  FakePeer peer(services, *network_, std::move(messages));
+  peer.Start();
+  EXPECT_THAT(peer.Wait(), FailsWith(absl::StatusCode::kResourceExhausted, "steps to close"));
+  EXPECT_EQ(services.requests.used_bytes(), 0);
 }
 
 TEST_F(LiveStreamTest, AFullHouseRefuses) {
