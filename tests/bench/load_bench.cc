@@ -5,6 +5,8 @@
 //   frame     RenderFrame, RAW_RGBA8, 512 x 512, rate 40, cached step, in turns with the same frame
 //             made in this process from the same volume; medians
 //   clients   200 clients ask for 5 frames a second each (256 x 256, JPEG, rate 25)
+//   large     40 clients ask for 200 frames a second of 64 MiB each (2048 x 2048, RAW_RGBA_F32,
+//             rate 200)
 //   overload  10 times what the server can do (measured first), then a load of 0.8 times that
 //   slow      a stream of window 2 whose client takes 50 ms a frame: how old each frame is when it
 //             comes, since the acknowledgement that asked for it
@@ -160,8 +162,9 @@ struct Outcomes {
 
 class Load {
  public:
-  Load(const std::string& address, std::string dataset, int clients)
-      : dataset_(std::move(dataset)) {
+  Load(const std::string& address, std::string dataset, int clients,
+       v1::FrameSpec spec = Spec(v1::JPEG, 256, 25, 0))
+      : dataset_(std::move(dataset)), spec_(std::move(spec)) {
     for (int i = 0; i < clients; ++i) {
       stubs_.push_back(Connect(address));
     }
@@ -176,7 +179,9 @@ class Load {
     };
     auto call = std::make_shared<Call>();
     call->request.set_dataset(dataset_);
-    *call->request.mutable_spec() = Spec(v1::JPEG, 256, 25, static_cast<double>(index * 7 % 360));
+    *call->request.mutable_spec() = spec_;
+    call->request.mutable_spec()->mutable_view()->mutable_orthographic()->set_azimuth_deg(
+        static_cast<double>(index * 7 % 360));
     ++outcomes->running;
     auto& stub = *stubs_[static_cast<size_t>(index) % stubs_.size()];
     stub.async()->RenderFrame(&call->context, &call->request, &call->frame,
@@ -217,6 +222,7 @@ class Load {
 
  private:
   const std::string dataset_;
+  const v1::FrameSpec spec_;
   std::vector<std::unique_ptr<v1::Render::Stub>> stubs_;
   int64_t next_ = 0;
 };
@@ -266,22 +272,32 @@ void MeasureFrame(const Child& child, const std::string& root, const std::string
       engine, served, 1.15 * engine + 0.5, (served - 0.5) / engine);
 }
 
-void MeasureClients(const Child& child, const std::string& name, double duration_s) {
-  Load load(child.address(), name, 200);
+void MeasureWithMemory(const Child& child, Load* load, double rate, double duration_s,
+                       const char* what) {
   std::atomic<bool> stop = false;
   double most_mib = 0;
   std::thread memory([&] {
     while (!stop) {
       most_mib = std::max(most_mib, child.ResidentMiB());
-      std::this_thread::sleep_for(milliseconds(20));
+      std::this_thread::sleep_for(milliseconds(10));
     }
   });
   Outcomes outcomes;
-  load.Run(1000, duration_s, &outcomes);
+  load->Run(rate, duration_s, &outcomes);
   stop = true;
   memory.join();
-  outcomes.Print("200 clients, 5 frames a second each", duration_s);
+  outcomes.Print(what, duration_s);
   fmt::print("resident memory: at most {:.0f} MiB of 2048\n", most_mib);
+}
+
+void MeasureClients(const Child& child, const std::string& name, double duration_s) {
+  Load load(child.address(), name, 200);
+  MeasureWithMemory(child, &load, 1000, duration_s, "200 clients, 5 frames a second each");
+}
+
+void MeasureLarge(const Child& child, const std::string& name, double duration_s) {
+  Load load(child.address(), name, 40, Spec(v1::RAW_RGBA_F32, 2048, 200, 0));
+  MeasureWithMemory(child, &load, 200, duration_s, "frames of 64 MiB, 200 a second asked for");
 }
 
 void MeasureOverload(const Child& child, const std::string& name, double duration_s) {
@@ -365,7 +381,7 @@ void Soak(const Child& child, const std::string& name, double duration_s) {
 int Main(int argc, char** argv) {
   if (argc < 5) {
     fmt::print(stderr,
-               "load_bench FOVEAD ROOT DATASET frame|clients|overload|slow|soak [SECONDS "
+               "load_bench FOVEAD ROOT DATASET frame|clients|large|overload|slow|soak [SECONDS "
                "[FOVEAD_FLAG...]]\n");
     return 2;
   }
@@ -378,6 +394,8 @@ int Main(int argc, char** argv) {
     MeasureFrame(child, root, name);
   } else if (mode == "clients") {
     MeasureClients(child, name, duration_s);
+  } else if (mode == "large") {
+    MeasureLarge(child, name, duration_s);
   } else if (mode == "overload") {
     MeasureOverload(child, name, duration_s);
   } else if (mode == "slow") {
