@@ -299,6 +299,96 @@ TEST_F(LocalRendererTest, DifferencesFromValuesThatAreNotHeldAreNoticed) {
   EXPECT_TRUE(local.progress().complete);
 }
 
+/// The real client, with messages changed on the way, or lost.
+class MeddlingClient final : public Client {
+ public:
+  using Meddle = std::function<Status(wire::CoefficientsMessage*)>;
+  MeddlingClient(Client& client, Meddle meddle) : client_(client), meddle_(std::move(meddle)) {}
+
+  StatusOr<std::vector<DatasetSummary>> ListDatasets() override { return Internal("not asked"); }
+  StatusOr<DatasetSummary> GetDataset(const std::string&) override { return Internal("not asked"); }
+  StatusOr<frames::Frame> RenderFrame(const std::string&, int64_t,
+                                      const frames::FrameSpec&) override {
+    return Internal("not asked");
+  }
+  Status RenderSequence(const SequenceRequest&,
+                        const std::function<bool(const frames::Frame&)>&) override {
+    return Internal("not asked");
+  }
+  Status StreamCoefficients(
+      const wire::CoefficientsRequest& request,
+      const std::function<Status(const wire::CoefficientsMessage&)>& on_message) override {
+    ++calls;
+    return client_.StreamCoefficients(request, [&](wire::CoefficientsMessage message) {
+      FOVEA_RETURN_IF_ERROR(meddle_(&message));
+      return on_message(message);
+    });
+  }
+  int calls = 0;
+
+ private:
+  Client& client_;
+  const Meddle meddle_;
+};
+
+TEST_F(LocalRendererTest, AStreamThatIsCutAgainAndAgainArrives) {
+  int messages = 0;
+  MeddlingClient cutting(
+      *client_, [&](auto*) { return ++messages % 3 == 0 ? Unavailable("cut") : absl::OkStatus(); });
+  LocalRenderer local(cutting, "odd", 1);
+  LocalRenderer whole(*client_, "odd", 1);
+  ASSERT_OK(local.Fetch(0, Spec({30, 31, 20}, 60)));
+  ASSERT_OK(whole.Fetch(0, Spec({30, 31, 20}, 60)));
+  EXPECT_GE(cutting.calls, 3);
+  EXPECT_TRUE(local.progress().complete);
+  EXPECT_EQ(local.progress().bytes, whole.progress().bytes);
+  ExpectSamePicture(local, "odd", 0);
+}
+
+TEST_F(LocalRendererTest, AStreamThatNeverComesEnds) {
+  MeddlingClient cutting(*client_, [](auto*) { return Unavailable("cut"); });
+  LocalRenderer local(cutting, "odd", 1);
+  EXPECT_THAT(local.Fetch(0, Spec({30, 31, 20}, 60)),
+              FailsWith(absl::StatusCode::kUnavailable, "cut"));
+  EXPECT_EQ(cutting.calls, 1);
+}
+
+TEST_F(LocalRendererTest, WhatAServerCannotSendIsItsFault) {
+  using Message = wire::CoefficientsMessage;
+  const auto outcome = [&](const std::function<void(Message&)>& change) {
+    MeddlingClient hostile(*client_, [&](Message* message) {
+      change(*message);
+      return absl::OkStatus();
+    });
+    LocalRenderer local(hostile, "odd", 1);
+    return local.Fetch(0, Spec({30, 31, 20}, 60));
+  };
+  constexpr auto kInternal = absl::StatusCode::kInternal;
+  EXPECT_OK(outcome([](Message&) {}));
+  EXPECT_THAT(outcome([](Message& m) { m.set.reset(); }), FailsWith(kInternal, "a set"));
+  EXPECT_THAT(outcome([](Message& m) { m.index += m.index; }), FailsWith(kInternal, "block 2"));
+  EXPECT_THAT(outcome([](Message& m) { m.data += "x"; }), FailsWith(kInternal, "checksum"));
+  EXPECT_THAT(outcome([](Message& m) { m.data.resize(m.data.size() / 2); }),
+              FailsWith(kInternal, "the server sent"));
+  EXPECT_THAT(outcome([](Message& m) { m.data.clear(); }), FailsWith(kInternal, "block 1"));
+  EXPECT_THAT(outcome([](Message& m) { m.reached.reset(); }), FailsWith(kInternal, "ended"));
+  const auto set = [&](const std::function<void(wire::CoefficientsSummary&)>& change) {
+    return outcome([&](Message& m) {
+      if (m.set) {
+        change(*m.set);
+      }
+    });
+  };
+  EXPECT_THAT(set([](auto& s) { s.step = 2; }), FailsWith(kInternal, "step 2"));
+  EXPECT_THAT(set([](auto& s) { s.dataset.info.wavelet = "sine"; }), FailsWith(kInternal, "sine"));
+  EXPECT_THAT(set([](auto& s) { s.used.rate = 1; }), FailsWith(kInternal, "more coefficients"));
+  EXPECT_THAT(set([](auto& s) { s.used.fovea->at.x = 1e9; }), FailsWith(kInternal, "fovea"));
+  EXPECT_THAT(set([](auto& s) {
+                s.dataset.info.hierarchy = *Hierarchy::Make({9, 9, 9});
+              }),
+              FailsWith(kInternal, ""));
+}
+
 TEST_F(LocalRendererTest, ErrorsOfTheServerAreSaid) {
   LocalRenderer missing(*client_, "nothing", 1);
   EXPECT_THAT(missing.Fetch(0, Spec({1, 1, 1}, 8)),
