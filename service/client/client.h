@@ -43,11 +43,22 @@ struct Credentials {
   std::string token_file{};  // the token, alone on one line
 };
 
+/// Where coefficients come from.
+class CoefficientStreams {
+ public:
+  virtual ~CoefficientStreams() = default;
+  /// Calls `on_message` for each message in order; an error of it cancels the stream and is
+  /// returned. Blocks are not looked at: LocalRenderer does, and goes on after a lost connection.
+  [[nodiscard]] virtual Status StreamCoefficients(
+      const wire::CoefficientsRequest& request,
+      const std::function<Status(const wire::CoefficientsMessage&)>& on_message) = 0;
+};
+
 /// One connection, made by the first call. Errors are the server's, with "server HOST:PORT: " in
 /// front; UNAVAILABLE says how to start one. What comes back is checked: INTERNAL if it cannot be
 /// what the proto promises. A frame of Encoding::kFoveated becomes a picture, the server's byte for
 /// byte, by frames::ExpandFrame. Thread-safe.
-class Client {
+class Client : public CoefficientStreams {
  public:
   /// `address` is HOST:PORT; INVALID_ARGUMENT for anything else, and for credentials that do not go
   /// together or with it; NOT_FOUND for a file that cannot be read. `deadline_seconds` bounds each
@@ -55,7 +66,6 @@ class Client {
   [[nodiscard]] static StatusOr<std::unique_ptr<Client>> Connect(
       const std::string& address, const Credentials& credentials = {},
       double deadline_seconds = 60);
-  virtual ~Client() = default;
 
   [[nodiscard]] virtual StatusOr<std::vector<DatasetSummary>> ListDatasets() = 0;
   [[nodiscard]] virtual StatusOr<DatasetSummary> GetDataset(const std::string& dataset) = 0;
@@ -69,11 +79,6 @@ class Client {
   [[nodiscard]] virtual Status RenderSequence(
       const SequenceRequest& request,
       const std::function<bool(const frames::Frame&)>& on_frame) = 0;
-  /// Calls `on_message` for each message in order; an error of it cancels the stream and is
-  /// returned. Blocks are not looked at: LocalRenderer does, and goes on after a lost connection.
-  [[nodiscard]] virtual Status StreamCoefficients(
-      const wire::CoefficientsRequest& request,
-      const std::function<Status(const wire::CoefficientsMessage&)>& on_message) = 0;
   /// Tells of each step of a dataset as it is committed, until it is told to stop (then OK) or the
   /// server refuses. If the connection is lost after an event came, it goes on where it was.
   [[nodiscard]] virtual Status WatchDataset(const WatchRequest& request, const OnEvent& on_event,

@@ -32,7 +32,7 @@ class LocalRenderer {
   using OnGrowth = std::function<bool(const Progress&)>;
 
   /// `client` must outlive it. `threads` that render: 0 for all processors.
-  LocalRenderer(Client& client, std::string dataset, int threads)
+  LocalRenderer(CoefficientStreams& client, std::string dataset, int threads)
       : client_(client), dataset_(std::move(dataset)), threads_(threads) {}
 
   /// Fetches what `spec` needs at `step` and is not here. Calls `on_growth` after each message; if
@@ -71,7 +71,7 @@ class LocalRenderer {
                             const wire::CoefficientsRequest& request);
   [[nodiscard]] Status Begin(const wire::CoefficientsSummary& set, int64_t step);
 
-  Client& client_;
+  CoefficientStreams& client_;
   const std::string dataset_;
   const int threads_;
   Fields fields_;

@@ -300,21 +300,11 @@ TEST_F(LocalRendererTest, DifferencesFromValuesThatAreNotHeldAreNoticed) {
 }
 
 /// The real client, with messages changed on the way, or lost.
-class MeddlingClient final : public Client {
+class MeddlingClient final : public CoefficientStreams {
  public:
   using Meddle = std::function<Status(wire::CoefficientsMessage*)>;
   MeddlingClient(Client& client, Meddle meddle) : client_(client), meddle_(std::move(meddle)) {}
 
-  StatusOr<std::vector<DatasetSummary>> ListDatasets() override { return Internal("not asked"); }
-  StatusOr<DatasetSummary> GetDataset(const std::string&) override { return Internal("not asked"); }
-  StatusOr<frames::Frame> RenderFrame(const std::string&, int64_t,
-                                      const frames::FrameSpec&) override {
-    return Internal("not asked");
-  }
-  Status RenderSequence(const SequenceRequest&,
-                        const std::function<bool(const frames::Frame&)>&) override {
-    return Internal("not asked");
-  }
   Status StreamCoefficients(
       const wire::CoefficientsRequest& request,
       const std::function<Status(const wire::CoefficientsMessage&)>& on_message) override {
