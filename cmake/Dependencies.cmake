@@ -16,6 +16,7 @@ find_package(zstd 1.5 CONFIG REQUIRED)
 find_package(hwy 1.0.3 CONFIG REQUIRED)       # Highway: SIMD chosen at run time
 pkg_check_modules(ISAL REQUIRED IMPORTED_TARGET GLOBAL libisal>=2.30)   # CRC32C; ships no CMake config
 find_package(ZLIB REQUIRED)
+find_package(SQLite3 3.40 REQUIRED)           # the table of jobs
 # Not find_package(NIFTI): the config in Debian's libnifti-dev names files that it does not install.
 find_path(NIFTI_INCLUDE nifti2_io.h PATH_SUFFIXES nifti REQUIRED)
 find_library(NIFTI2_LIBRARY nifti2 REQUIRED)

@@ -10,7 +10,7 @@ build_packages=(
   libabsl-dev libprotobuf-dev protobuf-compiler libgrpc++-dev protobuf-compiler-grpc libssl-dev
   libtbb-dev libhwy-dev libzstd-dev libisal-dev libspdlog-dev libcli11-dev nlohmann-json3-dev
   prometheus-cpp-dev libcpp-httplib-dev
-  libpng-dev libjpeg62-turbo-dev zlib1g-dev libnifti-dev
+  libpng-dev libjpeg62-turbo-dev zlib1g-dev libsqlite3-dev libnifti-dev
   libopenvdb-dev libboost-iostreams-dev libopenimageio-dev
   ffmpeg
 )

@@ -90,20 +90,30 @@ void AddFrame(const frames::Frame& frame, ExportReport* report) {
   }
 }
 
-/// Renders the planned frames in order, those with one spec together.
+/// Renders the planned frames in order, those with one spec together. One that cannot be rendered
+/// is told to `on_failure`, if there is one, and left out; what `use` returns ends it all.
 Status RenderPlanned(FrameProvider& provider, const std::vector<PlannedFrame>& planned,
-                     const std::function<Status(const PlannedFrame&, const frames::Frame&)>& use) {
-  for (size_t begin = 0; begin < planned.size();) {
-    size_t end = begin;
+                     const std::function<Status(const PlannedFrame&, const frames::Frame&)>& use,
+                     const std::function<void(const PlannedFrame&, const Status&)>& on_failure) {
+  for (size_t next = 0; next < planned.size();) {
+    const frames::FrameSpec& spec = planned[next].spec;
     std::vector<int64_t> steps;
-    while (end < planned.size() && planned[end].spec == planned[begin].spec) {
-      steps.push_back(planned[end++].step);
+    for (size_t i = next; i < planned.size() && planned[i].spec == spec; ++i) {
+      steps.push_back(planned[i].step);
     }
-    size_t next = begin;
-    FOVEA_RETURN_IF_ERROR(provider.RenderEach(
-        steps, planned[begin].spec,
-        [&](const frames::Frame& frame) { return use(planned[next++], frame); }));
-    begin = end;
+    const size_t end = next + steps.size();
+    Status used;
+    const Status rendered = provider.RenderEach(steps, spec, [&](const frames::Frame& frame) {
+      used = use(planned[next++], frame);
+      return used;
+    });
+    FOVEA_RETURN_IF_ERROR(used);
+    if (!rendered.ok() && (on_failure == nullptr || next == end)) {
+      return rendered;
+    }
+    if (!rendered.ok()) {
+      on_failure(planned[next++], rendered);
+    }
   }
   return absl::OkStatus();
 }
@@ -190,7 +200,8 @@ Status ExportPictures(FrameProvider& provider, const ExportOptions& options,
   FOVEA_ASSIGN_OR_RETURN(const std::vector<PlannedFrame> todo,
                          NotDone(mine, manifest, options.overwrite, report));
   return RenderPlanned(
-      provider, todo, [&](const PlannedFrame& planned_frame, const frames::Frame& frame) -> Status {
+      provider, todo,
+      [&](const PlannedFrame& planned_frame, const frames::Frame& frame) -> Status {
         FOVEA_RETURN_IF_ERROR(WritePicture(planned_frame.path, format, frame));
         AddFrame(frame, report);
         const int64_t done = report->frames_made + report->frames_skipped;
@@ -198,7 +209,8 @@ Status ExportPictures(FrameProvider& provider, const ExportOptions& options,
         return go_on || done == report->frames_total
                    ? absl::OkStatus()
                    : Stopped(*report, "they stay; the same command goes on after them");
-      });
+      },
+      options.on_failure);
 }
 
 Status ExportMovie(FrameProvider& provider, const ExportOptions& options,
@@ -220,14 +232,16 @@ Status ExportMovie(FrameProvider& provider, const ExportOptions& options,
       MovieWriter::Open(options.output, static_cast<int>(*planned[0].spec.width_px),
                         static_cast<int>(*planned[0].spec.height_px), report->frames_per_second));
   const Status rendered = RenderPlanned(
-      provider, planned, [&](const PlannedFrame&, const frames::Frame& frame) -> Status {
+      provider, planned,
+      [&](const PlannedFrame&, const frames::Frame& frame) -> Status {
         FOVEA_RETURN_IF_ERROR(writer->Write(frame.pixels));
         AddFrame(frame, report);
         const bool go_on = progress({report->frames_made, report->frames_total, options.output});
         return go_on || report->frames_made == report->frames_total
                    ? absl::OkStatus()
                    : Stopped(*report, "an unfinished movie is not kept");
-      });
+      },
+      nullptr);
   FOVEA_RETURN_IF_ERROR(rendered);
   return writer->Finish();
 }

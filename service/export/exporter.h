@@ -15,6 +15,14 @@
 /// A sequence of frames as numbered pictures or as a movie.
 namespace fovea::exports {
 
+/// One frame of an export: its place in the sequence, what it shows, and (pictures) its file.
+struct PlannedFrame {
+  int64_t index = 0;
+  int64_t step = 0;
+  frames::FrameSpec spec;
+  std::string path;  // empty: a frame of a movie
+};
+
 struct ExportOptions {
   std::string output;  // 'f.####.png' and its like, or a movie's name
   int64_t first = 0;
@@ -25,14 +33,9 @@ struct ExportOptions {
   std::optional<double> frames_per_second;   // movies; absent: from the times of the steps, or 24
   int64_t shard_index = 0, shard_count = 1;  // only frames with index % count == this; pictures
   bool overwrite = false;
-};
-
-/// One frame of an export: its place in the sequence, what it shows, and (pictures) its file.
-struct PlannedFrame {
-  int64_t index = 0;
-  int64_t step = 0;
-  frames::FrameSpec spec;
-  std::string path;  // empty: a frame of a movie
+  /// Called for a picture that could not be rendered, which is then left out; empty: it ends the
+  /// export. Not for movies, nor for files that cannot be written.
+  std::function<void(const PlannedFrame&, const Status&)> on_failure;
 };
 
 struct ExportReport {
@@ -48,7 +51,7 @@ struct ExportReport {
 };
 
 struct ExportProgress {
-  int64_t done = 0, total = 0;  // skipped frames count as done
+  int64_t done = 0, total = 0;  // skipped frames count as done, failed ones do not
   std::string now;              // the file in hand
 };
 

@@ -5,6 +5,8 @@
 
 #include "service/server/admission.h"
 #include "service/server/live_stream.h"
+#include "service/server/new_job.h"
+#include "service/server/unary_call.h"
 #include "service/wire/status.h"
 
 namespace fovea::server {
@@ -53,6 +55,21 @@ class ReadingsReactor final
 grpc::ServerBidiReactor<v1::StreamReadingsRequest, v1::StreamReadingsResponse>*
 IngestService::StreamReadings(grpc::CallbackServerContext* context) {
   return new ReadingsReactor(services_, *context);  // deletes itself
+}
+
+grpc::ServerUnaryReactor* IngestService::IngestFiles(grpc::CallbackServerContext* context,
+                                                     const v1::IngestFilesRequest* request,
+                                                     v1::Job* response) {
+  const auto call =
+      UnaryCall<v1::Job>::Start(services_, *context,
+                                {.right = access::Right::kWrite,
+                                 .dataset = request->dataset(),
+                                 .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
+                                response);
+  call->Enqueue(services_.lookups, 0, [call, &services = services_, request = *request](int) {
+    call->Complete(NewIngest(services, call->caller(), request));
+  });
+  return call.get();
 }
 
 }  // namespace fovea::server

@@ -92,6 +92,18 @@ void AddFlags(CLI::App& app, Flags* flags) {
       "--allow-ingest", flags->server.allow_ingest,
       "Let everyone who reaches the port write readings into datasets; with --tokens, their "
       "rights alone decide");
+  app.add_option("--state", flags->server.state,
+                 "Keep jobs (fovea.v1.Jobs) in this folder, so that a restart goes on with them")
+      ->type_name("DIR");
+  app.add_option("--ingest-root", flags->server.ingest_root,
+                 "Files below this folder may be ingested by whoever may write (IngestFiles)")
+      ->type_name("DIR");
+  app.add_option("--export-root", flags->server.export_root,
+                 "Exports write below this folder (CreateExport)")
+      ->type_name("DIR");
+  app.add_option("--jobs", flags->server.jobs, "Jobs that run at once")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
   app.add_option("--tokens", flags->server.tokens,
                  "Ask for a bearer token of this file (`fovea token` makes it); read again when it "
                  "changes")

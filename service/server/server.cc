@@ -23,6 +23,7 @@
 #include "service/server/datasets_service.h"
 #include "service/server/file_watch.h"
 #include "service/server/ingest_service.h"
+#include "service/server/jobs_service.h"
 #include "service/server/listener.h"
 #include "service/server/memory_plan.h"
 #include "service/server/render_service.h"
@@ -112,6 +113,23 @@ ConnectionTable::Limits LimitsOf(const ServerOptions& options) {
           .per_address = options.max_connections_per_address};
 }
 
+/// Null if the options ask for none.
+StatusOr<std::unique_ptr<jobs::JobRunner>> OpenJobs(const ServerOptions& options) {
+  if (options.state.empty()) {
+    if (!options.ingest_root.empty() || !options.export_root.empty()) {
+      return InvalidArgument(
+          "--ingest-root and --export-root are for jobs, which are kept with --state DIR");
+    }
+    return nullptr;
+  }
+  return jobs::JobRunner::Open({.state = options.state,
+                                .folders = {.root = options.root,
+                                            .ingest_root = options.ingest_root,
+                                            .export_root = options.export_root},
+                                .at_once = options.jobs,
+                                .threads = options.threads});
+}
+
 /// What the files were before they were read first.
 struct SeenFiles {
   std::vector<FileWatch::Seen> tokens, certificates;
@@ -135,10 +153,14 @@ class GrpcServer final : public Server {
                   options.allow_ingest || !options.tokens.empty(), memory.requests),
         datasets_(services_),
         ingest_(services_),
+        jobs_(services_),
         render_(services_),
         coefficients_(services_) {}
 
   ~GrpcServer() override { Drain(std::chrono::milliseconds(0)); }
+
+  /// Before Serve.
+  void KeepJobs(std::unique_ptr<jobs::JobRunner> jobs) { services_.jobs = std::move(jobs); }
 
   /// With TLS, if there are certificates for it.
   [[nodiscard]] Status Serve(Listener listener, ConnectionTable::Limits limits,
@@ -156,6 +178,7 @@ class GrpcServer final : public Server {
     builder.experimental().SetInterceptorCreators(std::move(observers));
     builder.RegisterService(&datasets_);
     builder.RegisterService(&ingest_);
+    builder.RegisterService(&jobs_);
     builder.RegisterService(&render_);
     builder.RegisterService(&coefficients_);
     server_ = builder.BuildAndStart();
@@ -220,6 +243,9 @@ class GrpcServer final : public Server {
     server_->GetHealthCheckService()->SetServingStatus(false);
     services_.calls.StopAdmitting();
     services_.steps.Close();  // what has no end of its own
+    if (services_.jobs != nullptr) {
+      services_.jobs->Stop();
+    }
     const int64_t left = services_.calls.WaitIdle(limit);
     if (admin_ != nullptr) {
       admin_->SetMetrics(nullptr);  // what they tell of goes
@@ -254,6 +280,7 @@ class GrpcServer final : public Server {
   Services services_;
   DatasetsService datasets_;
   IngestService ingest_;
+  JobsService jobs_;
   RenderService render_;
   CoefficientsService coefficients_;
   std::string address_;  // not changed after Serve
@@ -295,9 +322,11 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
     spdlog::warn("whoever reaches {} may see everything: neither --tokens nor --tls-client-ca",
                  options.listen);
   }
+  FOVEA_ASSIGN_OR_RETURN(auto jobs, OpenJobs(options));
   SetUpGrpc();
   auto server =
       std::make_unique<GrpcServer>(std::move(catalogue), std::move(gate), options, memory);
+  server->KeepJobs(std::move(jobs));
   FOVEA_RETURN_IF_ERROR(
       server->Serve(std::move(listener), LimitsOf(options), std::move(certificates)));
   server->Watch(options, std::move(seen));

@@ -20,6 +20,9 @@ struct ServerOptions {
   bool insecure_plaintext = false;         // allows addresses that other machines can reach
   CertificateFiles tls;                    // given: TLS, else plaintext
   bool allow_ingest = false;               // without tokens everyone may write, or nobody
+  std::string state;                       // folder of jobs; empty: none are kept
+  std::string ingest_root, export_root;    // of jobs; empty: no such jobs
+  int jobs = 1;                            // that run at once
   std::string tokens;                      // file of access::ReadTokenFile; empty: no tokens asked
   std::string memory_limit = "50%";        // of the whole process: ParseMemoryLimit
   int threads = 0;                         // that render; 0: all processors

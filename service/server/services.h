@@ -8,6 +8,7 @@
 
 #include "engine/base/status.h"
 #include "service/access/gate.h"
+#include "service/jobs/job_runner.h"
 #include "service/server/call_observer.h"
 #include "service/server/call_tracker.h"
 #include "service/server/catalogue.h"
@@ -40,7 +41,8 @@ struct Services {
 
   const std::unique_ptr<Catalogue> catalogue;
   const std::unique_ptr<access::Gate> gate;
-  const bool writable;  // whether anyone may change datasets
+  const bool writable;                    // whether anyone may change datasets
+  std::unique_ptr<jobs::JobRunner> jobs;  // null: none are kept; not changed once calls come
   Metrics metrics;
   CallObserver observer{metrics};
   CallTracker calls;

@@ -1,0 +1,134 @@
+#include "service/jobs/run_job.h"
+
+#include <filesystem>
+#include <memory>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "engine/store/dataset.h"
+#include "engine/store/metadata.h"
+#include "ingest/sequence.h"
+#include "service/export/frame_provider.h"
+#include "service/jobs/safe_path.h"
+
+namespace fovea::jobs {
+namespace {
+
+namespace fs = std::filesystem;
+
+Status Shorten(const Status& status, const Folders& folders) {
+  if (status.ok()) {
+    return status;
+  }
+  std::string message(MessageOf(status));
+  for (const std::string& root : {folders.ingest_root, folders.export_root, folders.root}) {
+    if (!root.empty()) {
+      message = WithoutFolder(std::move(message), root);
+    }
+  }
+  return MakeStatus(status.code(), message);
+}
+
+int64_t CommittedSteps(const std::string& store) {
+  std::error_code error;
+  if (!fs::exists(fs::path(store) / store::kMetadataName, error)) {
+    return 0;
+  }
+  const auto dataset = store::Dataset::Open(store);
+  return dataset.ok() ? (*dataset)->info().committed_steps : 0;
+}
+
+/// Every file that a series is read from, with what the first look at it finds.
+StatusOr<int64_t> CheckFiles(const ingest::IngestOptions& options, const Folders& folders) {
+  FOVEA_ASSIGN_OR_RETURN(const auto files,
+                         ingest::ResolveInputs(options.inputs, options.on_missing));
+  for (const ingest::SequenceFile& file : files) {
+    FOVEA_RETURN_IF_ERROR(CheckBelow(folders.ingest_root, file.Paths()));
+  }
+  return static_cast<int64_t>(files.size());
+}
+
+/// A failure of the file in hand, unless it was nobody's fault or the disk's.
+void TellFailure(const Status& status, const std::string& file, const RunHooks& hooks) {
+  if (!absl::IsCancelled(status) && !absl::IsResourceExhausted(status) && !file.empty()) {
+    hooks.tell(Failure{file, std::string(MessageOf(status))});
+  }
+}
+
+Status Ingest(const v1::IngestFilesRequest& request, const Folders& folders, int threads,
+              const RunHooks& hooks) {
+  FOVEA_ASSIGN_OR_RETURN(ingest::IngestOptions options, IngestOptionsOf(request, folders));
+  options.threads = threads;
+  FOVEA_RETURN_IF_ERROR(PathBelow(folders.root, request.dataset() + ".zarr").status());
+  FOVEA_ASSIGN_OR_RETURN(const int64_t files, CheckFiles(options, folders));
+  std::error_code ignored;  // what cannot be made is reported by the store, with its path
+  fs::create_directories(fs::path(options.output).parent_path(), ignored);
+  const int64_t before = CommittedSteps(options.output);
+  std::string now;
+  int64_t looks = 0;
+  const auto report = ingest::Ingest(options, [&](const ingest::IngestProgress& progress) {
+    now = WithoutFolder(progress.now, folders.ingest_root);
+    // The first pass looks at each file; how many steps there are is known after it.
+    const bool looking = looks++ < files;
+    hooks.tell(ProgressReport{before + progress.steps_done,
+                              looking ? 0 : before + progress.steps_total, now});
+    return !hooks.stopped();
+  });
+  if (!report.ok()) {
+    const Status status = Shorten(report.status(), folders);
+    TellFailure(status, now, hooks);
+    return status;
+  }
+  const int64_t steps = report->steps_before + report->steps;
+  hooks.tell(ProgressReport{steps, steps, ""});
+  return absl::OkStatus();
+}
+
+Status Export(const v1::CreateExportRequest& request, const Folders& folders, int threads,
+              const RunHooks& hooks) {
+  FOVEA_ASSIGN_OR_RETURN(exports::ExportOptions options, ExportOptionsOf(request, folders));
+  const auto short_path = [&](const std::string& path) {
+    return WithoutFolder(path, folders.export_root);
+  };
+  FOVEA_ASSIGN_OR_RETURN(const auto provider,
+                         exports::OpenLocal(DatasetPath(folders, request.dataset()), threads));
+  options.on_failure = [&](const exports::PlannedFrame& frame, const Status& status) {
+    hooks.tell(Failure{short_path(frame.path), std::string(MessageOf(Shorten(status, folders)))});
+  };
+  const auto report =
+      exports::Export(*provider, options, [&](const exports::ExportProgress& progress) {
+        hooks.tell(ProgressReport{progress.done, progress.total, short_path(progress.now)});
+        return !hooks.stopped();
+      });
+  if (!report.ok()) {
+    return report.status();
+  }
+  const int64_t done = report->frames_made + report->frames_skipped;
+  hooks.tell(ProgressReport{done, report->frames_total, ""});
+  return done == 0 && report->frames_total > 0
+             ? DataLoss("none of the {} frames could be made; the failures say why",
+                        report->frames_total)
+             : absl::OkStatus();
+}
+
+}  // namespace
+
+Status RunJob(Kind kind, const std::string& request, const Folders& folders, int threads,
+              const RunHooks& hooks) {
+  v1::IngestFilesRequest files;
+  v1::CreateExportRequest frames;
+  switch (kind) {
+    case Kind::kIngestFiles:
+      return files.ParseFromString(request)
+                 ? Shorten(Ingest(files, folders, threads, hooks), folders)
+                 : Internal("the request of this job cannot be read");
+    case Kind::kExport:
+      return frames.ParseFromString(request)
+                 ? Shorten(Export(frames, folders, threads, hooks), folders)
+                 : Internal("the request of this job cannot be read");
+  }
+  return Internal("there is no such kind of job: {}", static_cast<int>(kind));
+}
+
+}  // namespace fovea::jobs

@@ -1,0 +1,99 @@
+#include "service/server/new_job.h"
+
+#include <string>
+#include <utility>
+
+#include "service/frames/frames.h"
+#include "service/jobs/job_message.h"
+#include "service/jobs/job_request.h"
+#include "service/wire/convert.h"
+#include "service/wire/requests.h"
+#include "service/wire/status.h"
+
+namespace fovea::server {
+namespace {
+
+/// What a caller may not see is not there.
+Status CheckSees(const access::Caller& caller, const std::string& name) {
+  return caller.Sees(name) ? absl::OkStatus()
+                           : NotFound("'{}' is not there: name files below the folder '{}'",
+                                      wire::Printable(name), caller.token().prefix);
+}
+
+StatusOr<v1::Job> Queue(jobs::JobRunner* runner, const access::Caller& caller, jobs::Job job) {
+  job.owner = caller.name();
+  FOVEA_ASSIGN_OR_RETURN(const jobs::Job queued, runner->Create(std::move(job)));
+  return jobs::ToProto(queued);
+}
+
+/// What is left to default is as it is now, whenever the job runs.
+Status PinSteps(const exports::ExportOptions& options, int64_t committed,
+                v1::CreateExportRequest* request) {
+  const int64_t last = options.last.value_or(committed - 1);
+  FOVEA_RETURN_IF_ERROR(
+      wire::CheckStep(request->dataset(), static_cast<uint64_t>(options.first), committed));
+  FOVEA_RETURN_IF_ERROR(
+      wire::CheckStep(request->dataset(), static_cast<uint64_t>(last), committed));
+  request->mutable_steps()->set_last(static_cast<uint64_t>(last));
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<jobs::JobRunner*> JobsOf(Services& services) {
+  if (services.jobs == nullptr) {
+    return FailedPrecondition("this server keeps no jobs; it must be started with --state DIR");
+  }
+  return services.jobs.get();
+}
+
+Status NoJob(std::string_view id) {
+  return wire::WithResource(
+      NotFound("there is no job '{}'; ListJobs says which there are", wire::Printable(id)),
+      "fovea.v1.Job", wire::Printable(id));
+}
+
+StatusOr<v1::Job> NewIngest(Services& services, const access::Caller& caller,
+                            const v1::IngestFilesRequest& request) {
+  FOVEA_ASSIGN_OR_RETURN(jobs::JobRunner * runner, JobsOf(services));
+  if (runner->folders().ingest_root.empty()) {
+    return FailedPrecondition(
+        "this server ingests no files; it must be started with --ingest-root DIR");
+  }
+  for (const std::string& file : request.files()) {
+    FOVEA_RETURN_IF_ERROR(CheckSees(caller, file));
+  }
+  FOVEA_RETURN_IF_ERROR(jobs::IngestOptionsOf(request, runner->folders()).status());
+  FOVEA_RETURN_IF_ERROR(services.catalogue->PathOfNew(request.dataset()).status());
+  jobs::Job job;
+  job.kind = jobs::Kind::kIngestFiles;
+  job.dataset = request.dataset();
+  job.request = request.SerializeAsString();
+  return Queue(runner, caller, std::move(job));
+}
+
+StatusOr<v1::Job> NewExport(Services& services, const access::Caller& caller,
+                            v1::CreateExportRequest request) {
+  FOVEA_ASSIGN_OR_RETURN(jobs::JobRunner * runner, JobsOf(services));
+  if (runner->folders().export_root.empty()) {
+    return FailedPrecondition(
+        "this server exports no frames; it must be started with --export-root DIR");
+  }
+  FOVEA_RETURN_IF_ERROR(CheckSees(caller, request.output()));
+  FOVEA_ASSIGN_OR_RETURN(const exports::ExportOptions options,
+                         jobs::ExportOptionsOf(request, runner->folders()));
+  FOVEA_ASSIGN_OR_RETURN(const auto dataset, services.catalogue->FindNow(request.dataset()));
+  FOVEA_RETURN_IF_ERROR(PinSteps(options, dataset->dataset().info().committed_steps, &request));
+  FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, dataset->DefaultSpec());
+  const auto spec = frames::ResolveSpec(dataset->dataset(), options.spec, defaults);
+  FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(spec.status(), "spec"));
+  *request.mutable_spec() = wire::ToProto(*spec);
+  jobs::Job job;
+  job.kind = jobs::Kind::kExport;
+  job.dataset = request.dataset();
+  job.target = request.output();
+  job.request = request.SerializeAsString();
+  return Queue(runner, caller, std::move(job));
+}
+
+}  // namespace fovea::server
