@@ -27,10 +27,13 @@ void ViewStream::OnExploreRequest(const v1::ExploreRequest& request) {
   if (caller_ == nullptr) {
     return;  // not let in: over already
   }
-  const Status allowed = caller_->TakeBytesIn(static_cast<int64_t>(request.ByteSizeLong()));
-  auto change = allowed.ok() ? requests_.Add(request) : allowed;
-  if (!change.ok()) {
-    OnError(change.status());
+  auto change = requests_.Add(request);
+  Status allowed = change.status();
+  if (change.ok() && change->view) {  // an acknowledgement alone is free: a quota must not stall it
+    allowed = caller_->TakeBytesIn(static_cast<int64_t>(request.ByteSizeLong()));
+  }
+  if (!allowed.ok()) {
+    OnError(allowed);
     return;
   }
   if (change->window || change->acknowledged) {
