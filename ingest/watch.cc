@@ -27,11 +27,13 @@ class Watcher {
  private:
   Status Prepare();
   Status GoOnBehindDataset();
+  Status FindLastStep();
   /// The files that come next, as far as there is no gap that is still waited for.
   StatusOr<std::vector<SequenceFile>> Ready();
   StatusOr<bool> CrossGap(int64_t number, int64_t stride, std::vector<SequenceFile>* ready);
   [[nodiscard]] int64_t Stride() const;
   Status Take(std::vector<SequenceFile> files);
+  Status TakeAll(std::vector<SequenceFile> files);
   void LeaveOutLateFiles();
   [[nodiscard]] std::string PathOf(int64_t number) const;
   bool Tell(const IngestProgress& progress) { return progress_ == nullptr || progress_(progress); }
@@ -42,6 +44,7 @@ class Watcher {
   std::string input_, folder_, series_;
   std::unique_ptr<FileArrivals> arrivals_;
   std::set<int64_t> numbers_;              // taken, or left out
+  std::set<int64_t> held_;                 // of them: the step before stands in for the file
   std::optional<int64_t> last_;            // taken
   std::optional<SequenceFile> last_file_;  // that was taken by this call
   std::optional<Stopwatch> gap_;           // since when a number is waited for
@@ -68,6 +71,22 @@ Status Watcher::GoOnBehindDataset() {
   options_.retain.clear();  // the dataset has its own
   options_.extent.reset();
   options_.tolerance.reset();
+  FOVEA_RETURN_IF_ERROR(FindLastStep());
+  if (last_) {
+    report_.warnings.push_back(
+        fmt::format("going on behind frame {} of '{}'", *last_, options_.output));
+  }
+  return absl::OkStatus();
+}
+
+/// What number the last step of the dataset has, if there is a dataset.
+Status Watcher::FindLastStep() {
+  std::error_code error;
+  if (!fs::exists(options_.output, error) || fs::is_empty(options_.output, error)) {
+    return absl::OkStatus();
+  }
+  FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(options_.output));
+  const store::DatasetInfo info = dataset->info();
   for (int64_t step = std::max<int64_t>(0, info.committed_steps - 2); step < info.committed_steps;
        ++step) {
     FOVEA_ASSIGN_OR_RETURN(const std::optional<int64_t> number, dataset->FrameNumber(step));
@@ -75,10 +94,6 @@ Status Watcher::GoOnBehindDataset() {
       numbers_.insert(*number);
       last_ = *number;
     }
-  }
-  if (last_) {
-    report_.warnings.push_back(
-        fmt::format("going on behind frame {} of '{}'", *last_, options_.output));
   }
   return absl::OkStatus();
 }
@@ -133,7 +148,9 @@ int64_t Watcher::Stride() const {
 
 void Watcher::LeaveOutLateFiles() {
   for (const auto& [number, name] : arrivals_->finished()) {
-    if (last_ && number < *last_ && numbers_.insert(number).second && last_file_) {
+    const bool is_late =
+        last_ && number < *last_ && (numbers_.insert(number).second || held_.erase(number) > 0);
+    if (is_late && last_file_) {
       report_.warnings.push_back(
           fmt::format("'{}' came after a later one was taken, and is left out", name));
     }
@@ -159,6 +176,7 @@ StatusOr<bool> Watcher::CrossGap(int64_t number, int64_t stride, std::vector<Seq
     for (int64_t held = missing; held < number; held += stride) {
       ready->push_back(*last_file_);
       ready->back().frame_number = held;
+      held_.insert(held);
     }
   }
   gap_.reset();
@@ -232,6 +250,21 @@ Status Watcher::Take(std::vector<SequenceFile> files) {
   return absl::OkStatus();
 }
 
+/// All of them; if one is bad, those before it all the same.
+Status Watcher::TakeAll(std::vector<SequenceFile> files) {
+  const Status status = Take(files);
+  if (status.ok() || files.size() == 1) {
+    return status;
+  }
+  FOVEA_RETURN_IF_ERROR(FindLastStep());
+  for (SequenceFile& file : files) {
+    if (!last_ || *file.frame_number > *last_) {
+      FOVEA_RETURN_IF_ERROR(Take({std::move(file)}));
+    }
+  }
+  return status;
+}
+
 StatusOr<IngestReport> Watcher::Run() {
   FOVEA_RETURN_IF_ERROR(Prepare());
   FOVEA_RETURN_IF_ERROR(arrivals_->Wait(0, /*look=*/true));
@@ -247,7 +280,7 @@ StatusOr<IngestReport> Watcher::Run() {
     FOVEA_ASSIGN_OR_RETURN(std::vector<SequenceFile> ready, Ready());
     if (!ready.empty()) {
       FOVEA_RETURN_IF_ERROR(
-          Annotate(Take(std::move(ready)), fmt::format("after {} steps", report_.steps)));
+          Annotate(TakeAll(std::move(ready)), fmt::format("after {} steps", report_.steps)));
       static_cast<void>(idle.RestartMs());
     }
     is_stopped_ = is_stopped_ || !Tell({report_.steps, report_.steps, "waiting for " + input_});

@@ -293,6 +293,14 @@ Status WorkerClient::GiveUp(const Status& status) {
   return reason;
 }
 
+/// Libraries may crash where memory is short, or not even load.
+std::string WorkerClient::OrShortOfMemory() const {
+  const int64_t bytes = WorkerMemoryBytes(options_);
+  return bytes == 0
+             ? ""
+             : fmt::format(", or reading it needs more than {} MB (--worker-memory)", bytes >> 20);
+}
+
 Status WorkerClient::DescribeDeath() {
   channel_.reset();
   const int status = Reap(TakePid());
@@ -304,12 +312,13 @@ Status WorkerClient::DescribeDeath() {
           "damaged (allow more with --worker-cpu-seconds)",
           ProcessorSecondsPerFile(options_.limits));
     }
-    return DataLoss("the worker that reads it died of signal {} ({}); the file is probably damaged",
-                    signal, ::sigdescr_np(signal) == nullptr ? "unknown" : ::sigdescr_np(signal));
+    return DataLoss(
+        "the worker that reads it died of signal {} ({}); the file is probably damaged{}", signal,
+        ::sigdescr_np(signal) == nullptr ? "unknown" : ::sigdescr_np(signal), OrShortOfMemory());
   }
   return DataLoss(
-      "the worker that reads it ended early, with exit status {}; the file is probably damaged",
-      WEXITSTATUS(status));
+      "the worker that reads it ended early, with exit status {}; the file is probably damaged{}",
+      WEXITSTATUS(status), OrShortOfMemory());
 }
 
 void WorkerClient::ForgetIfDead() {

@@ -108,6 +108,7 @@ class WorkerClient {
   [[nodiscard]] Status HandOut(const FrameView& reply,
                                const std::function<Status(const FrameView&)>& on_reply);
   [[nodiscard]] Status DescribeDeath();
+  [[nodiscard]] std::string OrShortOfMemory() const;
   void ForgetIfDead();
   void Stop();
   pid_t TakePid();

@@ -65,6 +65,11 @@ void Note(const OutputOptions& output, std::string_view line) {
   }
 }
 
+void Warn(std::string_view message) {
+  std::fflush(stdout);
+  std::fprintf(stderr, "warning: %.*s\n", static_cast<int>(message.size()), message.data());
+}
+
 void PrintError(std::string_view message) {
   std::fflush(stdout);
   std::fprintf(stderr, "fovea: %.*s\n", static_cast<int>(message.size()), message.data());

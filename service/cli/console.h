@@ -25,6 +25,8 @@ void ResetSignalHandlers();
 void PrintLine(std::string_view line);
 /// One JSON value as a line on stdout; file names that are no UTF-8 get replacement characters.
 void PrintJson(const nlohmann::json& value);
+/// One line on stderr, also if quiet: what is wrong with what is made.
+void Warn(std::string_view message);
 /// One line on stderr, unless quiet.
 void Note(const OutputOptions& output, std::string_view line);
 /// "fovea: ..." on stderr.

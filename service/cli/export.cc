@@ -129,7 +129,7 @@ Status Run(const ExportCommand& command) {
     Note(command.output, "note: " + note);
   }
   for (const frames::Warning& warning : report->warnings) {
-    Note(command.output, "warning: " + warning.message);
+    Warn(warning.message);
   }
   PrintReport(command, *report, flags, watch.ElapsedMs() / 1000);
   return absl::OkStatus();

@@ -93,10 +93,10 @@ Status Run(const ExtractCommand& command) {
   const Int3 size = box.Size();
   const store::ReadStats read = source->read_stats();
   if (read.chunks_damaged > 0) {
-    Note(command.output,
-         fmt::format("warning: {} damaged chunks of '{}' at step {} were left out: coarser values "
-                     "stand there; `fovea verify` lists them",
-                     read.chunks_damaged, field, command.step));
+    Warn(
+        fmt::format("{} damaged chunks of '{}' at step {} were left out: coarser values "
+                    "stand there; `fovea verify` lists them",
+                    read.chunks_damaged, field, command.step));
   }
   if (command.output.json) {
     PrintJson(nlohmann::json({{"output", command.file},

@@ -175,7 +175,7 @@ StatusOr<ingest::Registration> ParseRegistration(const std::string& text) {
 
 void AddOutputFlags(CLI::App* app, OutputOptions* output) {
   app->add_flag("--json", output->json, "One JSON value on stdout, for machines");
-  app->add_flag("-q,--quiet", output->quiet, "No progress and no notes on stderr");
+  app->add_flag("-q,--quiet", output->quiet, "No progress and no notes on stderr; warnings stay");
 }
 
 void AddThreadsFlag(CLI::App* app, int* threads) {

@@ -1,5 +1,6 @@
 #include "ingest/ingest.h"
 
+#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <utility>
@@ -15,6 +16,15 @@
 
 namespace fovea::cli {
 namespace {
+
+/// To three digits, and never below the value.
+double RoundedUp(double value) {
+  if (!(value > 0)) {
+    return value;
+  }
+  const double unit = std::pow(10, std::floor(std::log10(value)) - 2);
+  return std::ceil(value / unit) * unit;
+}
 
 void PrintReport(const IngestCommand& command, const ingest::IngestReport& report, double seconds) {
   if (!command.output.json && report.steps_before > 0) {
@@ -52,7 +62,7 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
                         report.steps, report.dims.x, report.dims.y, report.dims.z, fields));
   for (size_t i = 0; i < report.max_errors.size(); ++i) {
     PrintLine(fmt::format("field {}: no voxel is off by more than {:.3g}", report.fields[i],
-                          report.max_errors[i]));
+                          RoundedUp(report.max_errors[i])));
   }
   PrintLine(fmt::format(
       "{} read in {} ({:.1f} MiB/s); read {:.0f} ms, transform {:.0f} ms, "

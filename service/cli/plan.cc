@@ -68,7 +68,7 @@ Status Run(const PlanCommand& command) {
   const std::optional<frames::Warning> warning =
       frames::RetentionWarning(dataset->info(), retained);
   if (warning) {
-    Note(command.output, "warning: " + warning->message);
+    Warn(warning->message);
   }
   if (command.output.json) {
     PrintJson(ToJson(command, plan, flags));

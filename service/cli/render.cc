@@ -47,7 +47,7 @@ Status Run(const RenderCommand& command) {
   InstallSignalHandlers();
   FOVEA_RETURN_IF_ERROR(exports::WritePicture(command.file, format, frame));
   for (const frames::Warning& warning : frame.warnings) {
-    Note(command.output, "warning: " + warning.message);
+    Warn(warning.message);
   }
   PrintFrame(command, frame, provider->info().hierarchy.dims());
   return absl::OkStatus();

@@ -281,6 +281,30 @@ class Watch(Life):
         self.assertIn("--extent", self.finish(process, status=1))
         self.assertEqual(self.fovea_json("info", store)["committed_steps"], 1)
 
+    def test_a_bad_file_does_not_keep_back_the_good_ones_before_it(self):
+        incoming, store = self.room / "incoming", self.room / "some.zarr"
+        incoming.mkdir()
+        for number in (1, 5):
+            shutil.copy(self.plume(number), incoming)
+        whole = pathlib.Path(self.plume(9)).read_bytes()
+        (incoming / "plume_0009.vdb").write_bytes(whole[:len(whole) // 3])
+        process = self.start(incoming / "plume_####.vdb", store, "--watch-seconds", "1.5",
+                             *(["--extent", "-40,-40,-40,80,80,120"]))
+        self.assertIn("plume_0009.vdb", self.finish(process, status=1))
+        self.assertEqual(self.fovea_json("info", store)["committed_steps"], 2)
+
+    def test_a_file_that_comes_after_its_stand_in_is_left_out_and_said(self):
+        incoming, store = self.room / "incoming", self.room / "held.zarr"
+        incoming.mkdir()
+        for number in (1, 5, 13):
+            shutil.copy(self.plume(number), incoming)
+        process = self.start(incoming / "plume_####.vdb", store, "--on-missing", "hold",
+                             "--gap-seconds", "0.2", "--watch-seconds", "3",
+                             *(["--extent", "-40,-40,-40,80,80,120"]))
+        self.wait_for(store, 4)
+        shutil.copy(self.plume(9), incoming)
+        self.assertIn("plume_0009.vdb", str(self.finish(process)["warnings"]))
+
     def test_a_gap_is_an_error_or_left_out(self):
         for on_missing, steps in (("error", 2), ("skip", 3), ("hold", 4)):
             incoming, store = self.room / on_missing, self.room / f"{on_missing}.zarr"
