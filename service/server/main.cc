@@ -21,7 +21,7 @@ constexpr int kExitFailed = 1;
 constexpr int kExitUsage = 2;
 
 constexpr char kFooter[] =
-    "Serves fovea.v1 (Datasets, Ingest, Render), grpc.health.v1 and reflection over every "
+    "Serves fovea.v1 (Datasets, Ingest, Jobs, Render), grpc.health.v1 and reflection over every "
     "NAME.zarr below\n"
     "ROOT. The first line on stdout is 'fovead listening on grpc ADDR:PORT'; the log goes to\n"
     "stderr. SIGTERM or Ctrl-C: no new calls, running ones finish; a second one stops at once.\n\n"
