@@ -24,15 +24,15 @@ using ::fovea::testing::Fovead;
 
 class FoveadJobsTest : public ::testing::Test {
  protected:
-  static constexpr int kSteps = 8;
-  static constexpr char kRaw[] = "64x64x64:uint8";
+  static constexpr int kSteps = 24;  // enough to be stopped in the middle
+  static constexpr char kRaw[] = "128x128x128:uint8";
 
   void SetUp() override {
     for (const char* name : {"root", "in", "out"}) {
       fs::create_directories(folder_.Path(name));
     }
     std::mt19937 random(1);
-    std::string voxels(64 * 64 * 64, '\0');
+    std::string voxels(128 * 128 * 128, '\0');
     for (int step = 0; step < kSteps; ++step) {
       for (char& voxel : voxels) {
         voxel = static_cast<char>(random());
