@@ -9,7 +9,7 @@
 namespace fovea::server {
 
 /// How sharp the next picture of a view is to be: which part, up to 1, of the rate that was asked
-/// for. Rates are on a ladder whose rungs are 1.6 apart, so that a picture costs about four times
+/// for. Rates are on a ladder whose rungs are 1.6 apart, so that a large picture costs about four times
 /// the one before and all of them together a third more than the last. Learns from what frames
 /// took. Not thread-safe.
 class RateChooser {
