@@ -1,18 +1,16 @@
 #include "service/server/datasets_service.h"
 
-#include <memory>
 #include <string>
 #include <utility>
 
 #include <spdlog/spdlog.h>
 
-#include "service/server/admission.h"
 #include "service/server/frame_job.h"
+#include "service/server/stream_reactor.h"
 #include "service/server/unary_call.h"
 #include "service/server/watch_stream.h"
 #include "service/wire/convert.h"
 #include "service/wire/requests.h"
-#include "service/wire/status.h"
 
 namespace fovea::server {
 namespace {
@@ -41,38 +39,6 @@ StatusOr<v1::Dataset> Get(Catalogue& catalogue, const std::string& name) {
   FOVEA_ASSIGN_OR_RETURN(const wire::DatasetSummary summary, dataset->Summary(true));
   return wire::ToProto(summary);
 }
-
-/// A WatchStream on gRPC. Deletes itself when gRPC is done with it; the stream lives on for as long
-/// as jobs of it do.
-class WatchReactor final : public grpc::ServerWriteReactor<v1::DatasetEvent>, public EventSink {
- public:
-  WatchReactor(Services& services, const grpc::CallbackServerContext& context,
-               const v1::WatchDatasetRequest& request)
-      : stream_(std::make_shared<WatchStream>(services, *this)) {
-    auto admission = Admit(services, context,
-                           {.dataset = request.dataset(),
-                            .bytes_in = static_cast<int64_t>(request.ByteSizeLong()),
-                            .stream = true});
-    if (!admission.ok()) {
-      stream_->Start(admission.status(), nullptr);
-      return;
-    }
-    admission_ = *std::move(admission);
-    stream_->Start(wire::FromProto(request), admission_.caller);
-  }
-
-  void Write(const v1::DatasetEvent& event) override { StartWrite(&event); }
-  void Finish(const Status& status) override {
-    grpc::ServerWriteReactor<v1::DatasetEvent>::Finish(wire::ToGrpc(status));
-  }
-  void OnWriteDone(bool ok) override { stream_->OnWriteDone(ok); }
-  void OnCancel() override { stream_->OnCancel(); }
-  void OnDone() override { delete this; }
-
- private:
-  Admission admission_;
-  const std::shared_ptr<WatchStream> stream_;
-};
 
 StatusOr<v1::Histogram> CountValues(Catalogue& catalogue, const wire::HistogramRequest& request) {
   FOVEA_ASSIGN_OR_RETURN(const auto served, catalogue.Find(request.dataset));
@@ -130,26 +96,17 @@ grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContex
 
 grpc::ServerWriteReactor<v1::DatasetEvent>* DatasetsService::WatchDataset(
     grpc::CallbackServerContext* context, const v1::WatchDatasetRequest* request) {
-  return new WatchReactor(services_, *context, *request);  // deletes itself
+  using Reactor = StreamReactor<v1::DatasetEvent, EventSink, WatchStream>;
+  return new Reactor(services_, *context, *request);  // deletes itself
 }
 
 grpc::ServerUnaryReactor* DatasetsService::GetHistogram(grpc::CallbackServerContext* context,
                                                         const v1::GetHistogramRequest* request,
                                                         v1::Histogram* response) {
-  const auto call = UnaryCall<v1::Histogram>::Start(
-      services_, *context,
-      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
-      response);
-  auto parsed = wire::FromProto(*request);
-  if (!parsed.ok()) {
-    call->Complete(parsed.status());
-    return call.get();
-  }
-  call->Enqueue(services_.lookups, 0,
-                [call, &services = services_, request = *std::move(parsed)](int) {
-                  call->Complete(CountValues(*services.catalogue, request));
+  return LookUp(services_, *context, *request, response,
+                [&services = services_](const wire::HistogramRequest& asked) {
+                  return CountValues(*services.catalogue, asked);
                 });
-  return call.get();
 }
 
 }  // namespace fovea::server

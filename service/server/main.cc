@@ -40,6 +40,45 @@ struct Flags {
   std::string log_format = "text";
 };
 
+/// Who may reach the server, and as whom.
+void AddAccessFlags(CLI::App& app, Flags* flags) {
+  app.add_flag("--insecure-plaintext", flags->server.insecure_plaintext,
+               "Allow addresses that other machines can reach, unencrypted");
+  app.add_option("--tls-cert", flags->server.tls.certificate,
+                 "Serve TLS with this certificate, and those between it and its authority (PEM); "
+                 "read again when it changes")
+      ->type_name("FILE");
+  app.add_option("--tls-key", flags->server.tls.key, "The key of --tls-cert (PEM)")
+      ->type_name("FILE");
+  app.add_option("--tls-client-ca", flags->server.tls.client_ca,
+                 "Ask clients for a certificate of one of these authorities (PEM)")
+      ->type_name("FILE");
+  app.add_option("--tokens", flags->server.tokens,
+                 "Ask for a bearer token of this file (`fovea token` makes it); read again when it "
+                 "changes")
+      ->type_name("FILE");
+}
+
+/// What clients may write, and where.
+void AddWritingFlags(CLI::App& app, Flags* flags) {
+  app.add_flag(
+      "--allow-ingest", flags->server.allow_ingest,
+      "Let everyone who reaches the port write readings into datasets; with --tokens, their "
+      "rights alone decide");
+  app.add_option("--state", flags->server.state,
+                 "Keep jobs (fovea.v1.Jobs) in this folder, so that a restart goes on with them")
+      ->type_name("DIR");
+  app.add_option("--ingest-root", flags->server.ingest_root,
+                 "Files below this folder may be ingested by whoever may write (IngestFiles)")
+      ->type_name("DIR");
+  app.add_option("--export-root", flags->server.export_root,
+                 "Exports write below this folder (CreateExport)")
+      ->type_name("DIR");
+  app.add_option("--jobs", flags->server.jobs, "Jobs that run at once")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+}
+
 void AddFlags(CLI::App& app, Flags* flags) {
   app.footer(kFooter);
   app.add_option("ROOT", flags->server.root, "Directory; its datasets are NAME.zarr, at any depth")
@@ -77,37 +116,8 @@ void AddFlags(CLI::App& app, Flags* flags) {
                  "How long running calls may go on after SIGTERM")
       ->check(CLI::Range(0, 86'400))
       ->capture_default_str();
-  app.add_flag("--insecure-plaintext", flags->server.insecure_plaintext,
-               "Allow addresses that other machines can reach, unencrypted");
-  app.add_option("--tls-cert", flags->server.tls.certificate,
-                 "Serve TLS with this certificate, and those between it and its authority (PEM); "
-                 "read again when it changes")
-      ->type_name("FILE");
-  app.add_option("--tls-key", flags->server.tls.key, "The key of --tls-cert (PEM)")
-      ->type_name("FILE");
-  app.add_option("--tls-client-ca", flags->server.tls.client_ca,
-                 "Ask clients for a certificate of one of these authorities (PEM)")
-      ->type_name("FILE");
-  app.add_flag(
-      "--allow-ingest", flags->server.allow_ingest,
-      "Let everyone who reaches the port write readings into datasets; with --tokens, their "
-      "rights alone decide");
-  app.add_option("--state", flags->server.state,
-                 "Keep jobs (fovea.v1.Jobs) in this folder, so that a restart goes on with them")
-      ->type_name("DIR");
-  app.add_option("--ingest-root", flags->server.ingest_root,
-                 "Files below this folder may be ingested by whoever may write (IngestFiles)")
-      ->type_name("DIR");
-  app.add_option("--export-root", flags->server.export_root,
-                 "Exports write below this folder (CreateExport)")
-      ->type_name("DIR");
-  app.add_option("--jobs", flags->server.jobs, "Jobs that run at once")
-      ->check(CLI::Range(1, 64))
-      ->capture_default_str();
-  app.add_option("--tokens", flags->server.tokens,
-                 "Ask for a bearer token of this file (`fovea token` makes it); read again when it "
-                 "changes")
-      ->type_name("FILE");
+  AddAccessFlags(app, flags);
+  AddWritingFlags(app, flags);
   app.add_option("--log-level", flags->log_level, "trace, debug, info, warn, err or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "err", "off"}))
       ->capture_default_str();

@@ -8,6 +8,7 @@
 #include "service/server/admission.h"
 #include "service/server/frame_job.h"
 #include "service/server/sequence_stream.h"
+#include "service/server/stream_reactor.h"
 #include "service/server/unary_call.h"
 #include "service/server/view_reactors.h"
 #include "service/wire/convert.h"
@@ -77,38 +78,6 @@ StatusOr<v1::FramePlan> Plan(Services& services, const wire::PlanRequest& reques
   return wire::ToProto(request.frame.dataset, step, plan);
 }
 
-/// A SequenceStream on gRPC. Deletes itself when gRPC is done with it; the stream lives on for as
-/// long as jobs of it do.
-class SequenceReactor final : public grpc::ServerWriteReactor<v1::Frame>, public FrameSink {
- public:
-  SequenceReactor(Services& services, const grpc::CallbackServerContext& context,
-                  const v1::RenderSequenceRequest& request)
-      : stream_(std::make_shared<SequenceStream>(services, *this, request.window())) {
-    auto admission = Admit(services, context,
-                           {.dataset = request.dataset(),
-                            .bytes_in = static_cast<int64_t>(request.ByteSizeLong()),
-                            .stream = true});
-    if (!admission.ok()) {
-      stream_->Start(admission.status(), nullptr);
-      return;
-    }
-    admission_ = *std::move(admission);
-    stream_->Start(wire::FromProto(request), admission_.caller, admission_.client);
-  }
-
-  void Write(const v1::Frame& frame) override { StartWrite(&frame); }
-  void Finish(const Status& status) override {
-    grpc::ServerWriteReactor<v1::Frame>::Finish(wire::ToGrpc(status));
-  }
-  void OnWriteDone(bool ok) override { stream_->OnWriteDone(ok); }
-  void OnCancel() override { stream_->OnCancel(); }
-  void OnDone() override { delete this; }
-
- private:
-  Admission admission_;
-  const std::shared_ptr<SequenceStream> stream_;
-};
-
 Status AcknowledgeStream(Services& services, const grpc::CallbackServerContext& context,
                          const v1::AcknowledgeRequest& request) {
   // Its bytes are free: a stream whose acknowledgement was refused would wait for ever.
@@ -145,7 +114,8 @@ grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext
 
 grpc::ServerWriteReactor<v1::Frame>* RenderService::RenderSequence(
     grpc::CallbackServerContext* context, const v1::RenderSequenceRequest* request) {
-  return new SequenceReactor(services_, *context, *request);  // deletes itself
+  using Reactor = StreamReactor<v1::Frame, FrameSink, SequenceStream>;
+  return new Reactor(services_, *context, *request, request->window());  // deletes itself
 }
 
 grpc::ServerWriteReactor<v1::Frame>* RenderService::RefineFrame(
@@ -161,20 +131,9 @@ grpc::ServerBidiReactor<v1::ExploreRequest, v1::Frame>* RenderService::Explore(
 grpc::ServerUnaryReactor* RenderService::PlanFrame(grpc::CallbackServerContext* context,
                                                    const v1::PlanFrameRequest* request,
                                                    v1::FramePlan* response) {
-  const auto call = UnaryCall<v1::FramePlan>::Start(
-      services_, *context,
-      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
-      response);
-  auto parsed = wire::FromProto(*request);
-  if (!parsed.ok()) {
-    call->Complete(parsed.status());
-    return call.get();
-  }
-  call->Enqueue(services_.lookups, 0,
-                [call, &services = services_, request = *std::move(parsed)](int) {
-                  call->Complete(Plan(services, request));
-                });
-  return call.get();
+  return LookUp(
+      services_, *context, *request, response,
+      [&services = services_](const wire::PlanRequest& asked) { return Plan(services, asked); });
 }
 
 /// Also while the server drains: the streams that still run need it. Waits for nothing, so it is

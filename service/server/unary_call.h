@@ -11,6 +11,7 @@
 #include "engine/base/status.h"
 #include "service/server/admission.h"
 #include "service/server/services.h"
+#include "service/wire/requests.h"
 #include "service/wire/status.h"
 
 namespace fovea::server {
@@ -134,6 +135,25 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
   WorkPool::Ticket ticket_ = 0;
   MemoryBudget::Reservation reservation_;
 };
+
+/// A call about one dataset that only looks something up: checks the request (wire::FromProto), and
+/// completes with what `look(parsed)` says, in the lookup pool.
+template <typename Request, typename Response, typename Look>
+grpc::ServerUnaryReactor* LookUp(Services& services, const grpc::CallbackServerContext& context,
+                                 const Request& request, Response* response, Look look) {
+  const auto call = UnaryCall<Response>::Start(
+      services, context,
+      {.dataset = request.dataset(), .bytes_in = static_cast<int64_t>(request.ByteSizeLong())},
+      response);
+  auto parsed = wire::FromProto(request);
+  if (!parsed.ok()) {
+    call->Complete(parsed.status());
+    return call.get();
+  }
+  call->Enqueue(services.lookups, 0,
+                [call, look, parsed = *std::move(parsed)](int) { call->Complete(look(parsed)); });
+  return call.get();
+}
 
 }  // namespace fovea::server
 
