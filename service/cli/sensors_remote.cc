@@ -82,25 +82,11 @@ StatusOr<Sent> ReadAndSend(const SensorsCommand& command, client::Client& server
 
 nlohmann::json ToJson(const SensorsCommand& command, const Sent& sent, double total_ms) {
   const sensors::ReadingCounts& c = sent.report.counts;
-  return {{"dataset", command.ingest.output},
-          {"steps", sent.report.committed_steps},
-          {"batches", sent.report.batches},
-          {"acknowledged", sent.report.acknowledged},
-          {"resumed", sent.report.resumed},
-          {"interrupted", sent.interrupted},
-          {"readings",
-           {{"read", c.read},
-            {"used", c.used},
-            {"duplicates", c.duplicates},
-            {"not_finite", c.not_finite},
-            {"out_of_range", c.out_of_range},
-            {"outside", c.outside},
-            {"late", c.late},
-            {"ahead", c.ahead},
-            {"incomplete", c.pending}}},
-          {"bad_lines", sent.bad_lines},
-          {"empty_windows", c.empty_windows},
-          {"total_ms", total_ms}};
+  return {{"dataset", command.ingest.output}, {"steps", sent.report.committed_steps},
+          {"batches", sent.report.batches},   {"acknowledged", sent.report.acknowledged},
+          {"resumed", sent.report.resumed},   {"interrupted", sent.interrupted},
+          {"readings", CountsToJson(c)},      {"bad_lines", sent.bad_lines},
+          {"empty_windows", c.empty_windows}, {"total_ms", total_ms}};
 }
 
 }  // namespace
@@ -135,6 +121,18 @@ Status SendSensors(const SensorsCommand& command) {
                      sent->report.resumed));
   }
   return absl::OkStatus();
+}
+
+nlohmann::json CountsToJson(const sensors::ReadingCounts& counts) {
+  return {{"read", counts.read},
+          {"used", counts.used},
+          {"duplicates", counts.duplicates},
+          {"not_finite", counts.not_finite},
+          {"out_of_range", counts.out_of_range},
+          {"outside", counts.outside},
+          {"late", counts.late},
+          {"ahead", counts.ahead},
+          {"incomplete", counts.pending}};
 }
 
 }  // namespace fovea::cli

@@ -3,6 +3,8 @@
 
 #include <string>
 
+#include <nlohmann/json_fwd.hpp>
+
 #include "ingest/sensors/sensor_ingest.h"
 #include "service/cli/commands.h"
 
@@ -13,6 +15,9 @@ namespace fovea::cli {
 
 /// "3 late, 2 outside the box"; empty if none was left out.
 [[nodiscard]] std::string LeftOut(const ingest::SensorReport& report);
+
+/// How many readings each rule met.
+[[nodiscard]] nlohmann::json CountsToJson(const sensors::ReadingCounts& counts);
 
 }  // namespace fovea::cli
 

@@ -1,3 +1,4 @@
+#include <absl/strings/str_split.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -51,54 +52,14 @@ TEST(Parse, RenderTakesEveryPictureFlag) {
 }
 
 TEST(Parse, SensorsTakesEveryFlag) {
-  const auto command = Parsed<SensorsCommand>({"sensors",
-                                               "a.csv",
-                                               "b.csv",
-                                               "-o",
-                                               "x.zarr",
-                                               "--format",
-                                               "jsonl",
-                                               "--columns",
-                                               "time=when,x=lon,y=lat,value=T,value=rh",
-                                               "--separator",
-                                               "tab",
-                                               "--time-unit",
-                                               "ms",
-                                               "--max-bad",
-                                               "7",
-                                               "--field",
-                                               "t,h",
-                                               "--value-range",
-                                               "-5,60.5",
-                                               "--duplicates",
-                                               "mean",
-                                               "--bounds",
-                                               "-1,-2,-3,4,5,6",
-                                               "--voxel",
-                                               "0.5,0.5,0.25",
-                                               "--reach",
-                                               "8",
-                                               "--background",
-                                               "-32",
-                                               "--step-seconds",
-                                               "60",
-                                               "--start",
-                                               "1970-01-01T00:00:30Z",
-                                               "--watermark",
-                                               "5",
-                                               "--on-missing",
-                                               "hold",
-                                               "--most-ahead",
-                                               "9",
-                                               "--world-unit",
-                                               "m",
-                                               "--value-unit",
-                                               "dBZ",
-                                               "--clock",
-                                               "UTC",
-                                               "--chunk",
-                                               "8",
-                                               "--json"});
+  const auto command = Parsed<SensorsCommand>(absl::StrSplit(
+      "sensors a.csv b.csv -o x.zarr --format jsonl --columns "
+      "time=when,x=lon,y=lat,value=T,value=rh --separator tab --time-unit ms "
+      "--max-bad 7 --field t,h --value-range -5,60.5 --duplicates mean --bounds "
+      "-1,-2,-3,4,5,6 --voxel 0.5,0.5,0.25 --reach 8 --background -32 --step-seconds "
+      "60 --start 1970-01-01T00:00:30Z --watermark 5 --on-missing hold --most-ahead "
+      "9 --world-unit m --value-unit dBZ --clock UTC --chunk 8 --json",
+      ' '));
   const ingest::SensorOptions& ingest = command.ingest;
   EXPECT_EQ(ingest.inputs, (std::vector<std::string>{"a.csv", "b.csv"}));
   EXPECT_EQ(ingest.format, ingest::ReadingFormat::kJsonLines);
