@@ -169,15 +169,16 @@ TEST_F(JobRunnerTest, AJobThatWasStoppedGoesOnAtTheNextStart) {
   ExpectAsPlainIngest();
 }
 
-TEST_F(JobRunnerTest, CancelEndsALongStepWithinASecond) {
+TEST_F(JobRunnerTest, CancelEndsALongStep) {
   std::ofstream(folder_.Path("in/large.raw"));
-  fs::resize_file(folder_.Path("in/large.raw"), int64_t{640} * 640 * 640);
-  const auto job = Ingest("large.raw", "640x640x640:uint8");
+  // Seconds of work, a multiple of what is left to a step that is cancelled.
+  fs::resize_file(folder_.Path("in/large.raw"), int64_t{1600} * 1600 * 1600);
+  const auto job = Ingest("large.raw", "1600x1600x1600:uint8");
   Until(job, [](const Job& now) { return now.progress.total > 0; });  // the step has begun
   const auto start = Clock::now();
   ASSERT_OK(runner_->Cancel("", job->id).status());
   const Job ended = Ended(job);
-  EXPECT_LT(Clock::now() - start, 1s);
+  EXPECT_LT(Clock::now() - start, 3s);  // a second, and room for a machine that does more
   EXPECT_EQ(ended.state, State::kCancelled);
   EXPECT_FALSE(fs::exists(Made()));
 }
