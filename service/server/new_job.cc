@@ -27,14 +27,14 @@ StatusOr<v1::Job> Queue(jobs::JobRunner* runner, const access::Caller& caller, j
 }
 
 /// What is left to default is as it is now, whenever the job runs.
-Status PinSteps(const exports::ExportOptions& options, int64_t committed,
-                v1::CreateExportRequest* request) {
-  const int64_t last = options.last.value_or(committed - 1);
+Status PinSteps(int64_t committed, v1::CreateExportRequest* request) {
+  const uint64_t last =
+      request->steps().has_last() ? request->steps().last() : static_cast<uint64_t>(committed) - 1;
+  FOVEA_RETURN_IF_ERROR(Annotate(
+      wire::CheckStep(request->dataset(), request->steps().first(), committed), "steps.first"));
   FOVEA_RETURN_IF_ERROR(
-      wire::CheckStep(request->dataset(), static_cast<uint64_t>(options.first), committed));
-  FOVEA_RETURN_IF_ERROR(
-      wire::CheckStep(request->dataset(), static_cast<uint64_t>(last), committed));
-  request->mutable_steps()->set_last(static_cast<uint64_t>(last));
+      Annotate(wire::CheckStep(request->dataset(), last, committed), "steps.last"));
+  request->mutable_steps()->set_last(last);
   return absl::OkStatus();
 }
 
@@ -83,7 +83,7 @@ StatusOr<v1::Job> NewExport(Services& services, const access::Caller& caller,
   FOVEA_ASSIGN_OR_RETURN(const exports::ExportOptions options,
                          jobs::ExportOptionsOf(request, runner->folders()));
   FOVEA_ASSIGN_OR_RETURN(const auto dataset, services.catalogue->FindNow(request.dataset()));
-  FOVEA_RETURN_IF_ERROR(PinSteps(options, dataset->dataset().info().committed_steps, &request));
+  FOVEA_RETURN_IF_ERROR(PinSteps(dataset->dataset().info().committed_steps, &request));
   FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, dataset->DefaultSpec());
   const auto spec = frames::ResolveSpec(dataset->dataset(), options.spec, defaults);
   FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(spec.status(), "spec"));

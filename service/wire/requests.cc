@@ -175,11 +175,12 @@ Status CheckStep(const std::string& dataset, uint64_t step, int64_t committed_st
 }
 
 StatusOr<StepSeries> ResolveSteps(const SequenceRequest& request, int64_t committed_steps) {
-  FOVEA_RETURN_IF_ERROR(CheckStep(request.dataset, request.first, committed_steps));
+  FOVEA_RETURN_IF_ERROR(
+      Annotate(CheckStep(request.dataset, request.first, committed_steps), "steps.first"));
   const uint64_t first =
       request.newest ? static_cast<uint64_t>(committed_steps) - 1 : request.first;
   const uint64_t last = request.last.value_or(static_cast<uint64_t>(committed_steps) - 1);
-  FOVEA_RETURN_IF_ERROR(CheckStep(request.dataset, last, committed_steps));
+  FOVEA_RETURN_IF_ERROR(Annotate(CheckStep(request.dataset, last, committed_steps), "steps.last"));
   StepSeries series;
   series.first = static_cast<int64_t>(first);
   // Past the end of any series; cut before the cast.

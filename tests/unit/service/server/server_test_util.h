@@ -44,6 +44,14 @@ class ServerFixture : public ::testing::Test {
     options.root = Root();
     options.tokens = tokens;
     options.allow_ingest = allow_ingest_;
+    if (keeps_jobs_) {
+      std::filesystem::create_directories(folder_.Path("in"));
+      std::filesystem::create_directories(folder_.Path("out"));
+      options.state = folder_.Path("state");
+      options.ingest_root = folder_.Path("in");
+      options.export_root = folder_.Path("out");
+    }
+    options.memory_limit = memory_limit_;
     options.admin = admin_;
     options.reload_interval = std::chrono::milliseconds(10);
     options.listen = "127.0.0.1:0";
@@ -108,7 +116,10 @@ class ServerFixture : public ::testing::Test {
 
   std::string admin_;  // ServerOptions::admin of StartServer
   store::testing::TemporaryFolder folder_;
-  bool allow_ingest_ = false;  // of servers that are started from now on
+  // Of servers that are started from now on.
+  bool allow_ingest_ = false;
+  bool keeps_jobs_ = false;  // from files below "in" to files below "out" of folder_
+  std::string memory_limit_ = "50%";
   std::unique_ptr<Server> server_;
   std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<v1::Datasets::Stub> datasets_;
