@@ -17,6 +17,7 @@
 #include "service/access/token.h"
 #include "service/cli/values.h"
 #include "service/client/client.h"
+#include "service/client/jobs_client.h"
 #include "service/frames/plan.h"
 #include "service/frames/spec.h"
 
@@ -167,6 +168,23 @@ struct ServeCommand {
   std::vector<std::string> arguments;
 };
 
+/// Long work of a server: what there is of it, and making some.
+struct JobsCommand {
+  enum class What { kShow, kIngest, kExport };
+  OutputOptions output;
+  std::optional<std::string> server;
+  client::Credentials credentials;
+  What what = What::kShow;
+  std::string id;                             // kShow: empty: all of them
+  int64_t newest = client::JobsClient::kAll;  // of all of them: how many
+  bool watch = false;
+  bool cancel = false;
+  client::IngestRequest ingest;
+  client::ExportRequest shot;  // steps and animation not filled in
+  StepRange steps;
+  std::optional<std::string> animation_file;
+};
+
 struct TokenCommand {
   OutputOptions output;
   std::string file;
@@ -191,7 +209,7 @@ using Command =
     std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand, VerifyCommand,
                  RepairCommand, MergeCommand, RetainCommand, ExtractCommand, PlanCommand,
                  RenderCommand, ExpandCommand, ExportCommand, BenchCommand, ServeCommand,
-                 TokenCommand, DoctorCommand, DemoCommand>;
+                 JobsCommand, TokenCommand, DoctorCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -218,6 +236,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const ExportCommand& command);
 [[nodiscard]] Status Run(const BenchCommand& command);
 [[nodiscard]] Status Run(const ServeCommand& command);
+[[nodiscard]] Status Run(const JobsCommand& command);
 [[nodiscard]] Status Run(const TokenCommand& command);
 [[nodiscard]] Status Run(const DoctorCommand& command);
 [[nodiscard]] Status Run(const DemoCommand& command);

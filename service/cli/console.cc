@@ -76,7 +76,7 @@ void PrintError(std::string_view message) {
 }
 
 std::string WithFlag(const Status& error) {
-  constexpr std::array<std::array<std::string_view, 2>, 31> kFlags = {{
+  constexpr std::array<std::array<std::string_view, 2>, 39> kFlags = {{
       {"field", "--field"},
       {"fovea", "--fovea"},
       {"rate", "--rate"},
@@ -108,6 +108,14 @@ std::string WithFlag(const Status& error) {
       {"steps", "--steps"},
       {"shard", "--shard"},
       {"fps", "--fps"},
+      {"frames_per_second", "--fps"},
+      {"output", "--output"},
+      {"animation_json", "--animation"},
+      {"raw", "--raw"},
+      {"wavelet", "--wavelet"},
+      {"tolerance", "--tolerance"},
+      {"on_missing", "--on-missing"},
+      {"registration", "--registration"},
   }};
   const std::string_view message = MessageOf(error);
   if (!absl::IsInvalidArgument(error) && !absl::IsNotFound(error) && !absl::IsOutOfRange(error)) {
@@ -180,23 +188,22 @@ std::string Progress::Line(int64_t done, int64_t total, std::string_view now) co
 }
 
 void Progress::Update(int64_t done, int64_t total, std::string_view now) {
-  constexpr double kTerminalEveryMs = 100;
-  constexpr double kPlainEveryMs = 5000;
-  if (quiet_) {
-    return;
-  }
   if (first_done_ < 0) {
     first_done_ = done;
   }
-  const bool last = done == total && shown_done_ != done;
+  Show(done, done == total && shown_done_ != done, Line(done, total, now));
+}
+
+void Progress::Show(int64_t done, bool last, std::string line) {
+  constexpr double kTerminalEveryMs = 100;
+  constexpr double kPlainEveryMs = 5000;
   const bool due =
       shown_done_ < 0 || since_shown_.ElapsedMs() >= (terminal_ ? kTerminalEveryMs : kPlainEveryMs);
-  if (!last && !due) {
+  if (quiet_ || (!last && !due)) {
     return;
   }
   shown_done_ = done;
   (void)since_shown_.RestartMs();
-  std::string line = Line(done, total, now);
   if (terminal_) {
     line.resize(std::min(line.size(), TerminalColumns() - 1));
     std::fprintf(stderr, "\r%s\x1b[K", line.c_str());

@@ -53,6 +53,9 @@ class Progress {
 
   /// `total` below 0: unknown.
   void Update(int64_t done, int64_t total, std::string_view now = "");
+  /// The same for work whose pace another knows: this line, which is of `done`. `last`: shown even
+  /// if the line before was shown a moment ago.
+  void Show(int64_t done, bool last, std::string line);
 
  private:
   [[nodiscard]] std::string Line(int64_t done, int64_t total, std::string_view now) const;

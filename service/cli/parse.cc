@@ -106,6 +106,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   Offer(AddExport, &app, &verbs);
   Offer(AddBench, &app, &verbs);
   Offer(AddServe, &app, &verbs);
+  Offer(AddJobs, &app, &verbs);
   Offer(AddToken, &app, &verbs);
   Offer(AddDoctor, &app, &verbs);
   Offer(AddDemo, &app, &verbs);
@@ -119,8 +120,11 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   } catch (const CLI::CallForVersion& version) {
     return {std::nullopt, version.what(), 0};
   } catch (const CLI::ParseError& error) {
-    const auto given = app.get_subcommands();
-    const std::string verb = given.empty() ? "" : " " + given.front()->get_name();
+    std::string verb;
+    for (auto given = app.get_subcommands(); !given.empty();
+         given = given.front()->get_subcommands()) {
+      verb += " " + given.front()->get_name();
+    }
     return {std::nullopt, fmt::format("{}\nsee `fovea{} --help`", error.what(), verb),
             error.get_exit_code() == 1 ? 1 : 2};
   }

@@ -28,6 +28,7 @@ CLI::App* AddExpand(CLI::App* app, ExpandCommand* command);
 CLI::App* AddExport(CLI::App* app, ExportCommand* command);
 CLI::App* AddBench(CLI::App* app, BenchCommand* command);
 CLI::App* AddServe(CLI::App* app, ServeCommand* command);
+CLI::App* AddJobs(CLI::App* app, JobsCommand* command);
 CLI::App* AddToken(CLI::App* app, TokenCommand* command);
 CLI::App* AddDoctor(CLI::App* app, DoctorCommand* command);
 CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
@@ -44,6 +45,7 @@ CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 [[nodiscard]] Status Check(ExpandCommand* command);
 [[nodiscard]] Status Check(ExportCommand* command);
 [[nodiscard]] Status Check(BenchCommand* command);
+[[nodiscard]] Status Check(JobsCommand* command);
 [[nodiscard]] Status Check(TokenCommand* command);
 template <typename T>
 [[nodiscard]] Status Check(T*) {

@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <fstream>
+#include <random>
 #include <system_error>
 #include <utility>
 
@@ -12,6 +13,8 @@
 #include <grpcpp/security/credentials.h>
 
 #include "service/wire/convert.h"
+#include "service/wire/host_port.h"
+#include "service/wire/status.h"
 
 namespace fovea::client {
 namespace {
@@ -74,8 +77,7 @@ StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const Creden
   return grpc::SslCredentials(options);
 }
 
-}  // namespace
-
+/// A channel, with TLS if `credentials` names an authority.
 StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const wire::HostPort& address,
                                                      const Credentials& credentials) {
   FOVEA_RETURN_IF_ERROR(CheckTogether(address, credentials));
@@ -91,6 +93,7 @@ StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const wire::HostPort& addre
   return grpc::CreateCustomChannel(address.ToString(), made, arguments);
 }
 
+/// The value of `authorization`: "Bearer TOKEN"; empty without a token file.
 StatusOr<std::string> ReadAuthorization(const Credentials& credentials) {
   if (credentials.token_file.empty()) {
     return std::string();
@@ -105,6 +108,39 @@ StatusOr<std::string> ReadAuthorization(const Credentials& credentials) {
                            credentials.token_file);
   }
   return "Bearer " + token;
+}
+
+}  // namespace
+
+std::string RandomId() {
+  std::random_device random;
+  return fmt::format("{:08x}{:08x}{:08x}{:08x}", random(), random(), random(), random());
+}
+
+StatusOr<Connection> OpenConnection(const std::string& address, const Credentials& credentials) {
+  FOVEA_ASSIGN_OR_RETURN(const wire::HostPort parsed, wire::ParseHostPort(address));
+  if (parsed.port == 0) {
+    return InvalidArgument("server '{}': the port must be 1 to 65535", address);
+  }
+  FOVEA_ASSIGN_OR_RETURN(auto channel, MakeChannel(parsed, credentials));
+  FOVEA_ASSIGN_OR_RETURN(std::string authorization, ReadAuthorization(credentials));
+  return Connection{parsed.ToString(), std::move(channel), {RandomId(), std::move(authorization)}};
+}
+
+Status Explain(const std::string& address, const Status& status) {
+  if (status.ok()) {
+    return status;
+  }
+  std::string message =
+      fmt::format("server {}: {}{}", address, MessageOf(status), wire::DescribeDetails(status));
+  if (absl::IsUnavailable(status)) {
+    message += "; `fovea serve ROOT` starts a server";
+    if (message.find("handshake") != std::string::npos ||
+        message.find("SETTINGS") != std::string::npos) {
+      message += "; --tls-ca is for a server with --tls-cert, and needed there";
+    }
+  }
+  return wire::WithMessage(status, message);
 }
 
 }  // namespace fovea::client

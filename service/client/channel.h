@@ -7,19 +7,27 @@
 #include <grpcpp/channel.h>
 
 #include "engine/base/status.h"
+#include "service/client/call_options.h"
 #include "service/client/client.h"
-#include "service/wire/host_port.h"
 
 namespace fovea::client {
 
-/// A channel to `address`, with TLS if `credentials` names an authority. INVALID_ARGUMENT for
-/// credentials that do not go together, or a token that would cross a network in plaintext;
-/// NOT_FOUND for a file that cannot be read.
-[[nodiscard]] StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const wire::HostPort& address,
-                                                                   const Credentials& credentials);
+/// A way to a server, and what every call there carries.
+struct Connection {
+  std::string address;  // HOST:PORT
+  std::shared_ptr<grpc::Channel> channel;
+  CallMetadata metadata;
+};
 
-/// The value of `authorization`: "Bearer TOKEN"; empty without a token file.
-[[nodiscard]] StatusOr<std::string> ReadAuthorization(const Credentials& credentials);
+/// To `address`, HOST:PORT, with TLS if `credentials` names an authority. INVALID_ARGUMENT for
+/// anything else, for credentials that do not go together, and for a token that would cross a
+/// network in plaintext; NOT_FOUND for a file that cannot be read. Connects with the first call.
+[[nodiscard]] StatusOr<Connection> OpenConnection(const std::string& address,
+                                                  const Credentials& credentials);
+
+/// An error of the server at `address` ("HOST:PORT"): says which server, and keeps what the details
+/// point at. OK stays OK.
+[[nodiscard]] Status Explain(const std::string& address, const Status& status);
 
 }  // namespace fovea::client
 

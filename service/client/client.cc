@@ -1,10 +1,7 @@
 #include "service/client/client.h"
 
-#include <random>
 #include <thread>
 #include <utility>
-
-#include <grpcpp/channel.h>
 
 #include "fovea/v1/coefficients.grpc.pb.h"
 #include "fovea/v1/datasets.grpc.pb.h"
@@ -12,23 +9,16 @@
 #include "fovea/v1/render.grpc.pb.h"
 #include "service/client/call_options.h"
 #include "service/client/channel.h"
-#include "service/client/coefficient_reader.h"
-#include "service/client/event_reader.h"
 #include "service/client/frame_reader.h"
 #include "service/client/reading_sender_impl.h"
+#include "service/client/stream_reader.h"
 #include "service/frames/frames.h"
 #include "service/wire/coefficients.h"
 #include "service/wire/convert.h"
-#include "service/wire/host_port.h"
 #include "service/wire/requests.h"
 #include "service/wire/status.h"
 
 namespace fovea::client {
-
-std::string RandomId() {
-  std::random_device random;
-  return fmt::format("{:08x}{:08x}{:08x}{:08x}", random(), random(), random(), random());
-}
 
 namespace {
 
@@ -63,14 +53,35 @@ v1::RenderSequenceRequest ToProto(const SequenceRequest& request) {
   return proto;
 }
 
+StatusOr<DatasetEvent> FromProto(const v1::DatasetEvent& proto) {
+  DatasetEvent event;
+  event.present = proto.state() == v1::DatasetEvent::PRESENT;
+  event.committed_steps = static_cast<int64_t>(proto.committed_steps());
+  if (event.committed_steps < 0 || proto.state() == v1::DatasetEvent::STATE_UNSPECIFIED) {
+    return Internal("an event of no state, or of {} steps", proto.committed_steps());
+  }
+  for (const v1::DatasetEvent::Step& from : proto.steps()) {
+    if (from.step() >= proto.committed_steps()) {
+      return Internal("an event of step {} where {} are committed", from.step(),
+                      proto.committed_steps());
+    }
+    DatasetEvent::Step& step = event.steps.emplace_back();
+    step.step = static_cast<int64_t>(from.step());
+    step.time_ns = from.time_ns();
+    if (from.has_frame_number()) {
+      step.frame_number = from.frame_number();
+    }
+  }
+  return event;
+}
+
 class GrpcClient final : public Client {
  public:
-  GrpcClient(const std::string& address, std::shared_ptr<grpc::Channel> channel,
-             std::string authorization, double deadline_seconds)
-      : address_(address),
+  GrpcClient(Connection connection, double deadline_seconds)
+      : address_(std::move(connection.address)),
         deadline_seconds_(deadline_seconds),
-        metadata_{RandomId(), std::move(authorization)},
-        channel_(std::move(channel)),
+        metadata_(std::move(connection.metadata)),
+        channel_(std::move(connection.channel)),
         datasets_(v1::Datasets::NewStub(channel_)),
         ingest_(v1::Ingest::NewStub(channel_)),
         render_(v1::Render::NewStub(channel_)),
@@ -102,7 +113,9 @@ class GrpcClient final : public Client {
     metadata_.AddTo(context);
     context->set_deadline(DeadlineIn(deadline_seconds_));
   }
-  [[nodiscard]] Status Explain(const Status& status) const;
+  [[nodiscard]] Status Explain(const Status& status) const {
+    return client::Explain(address_, status);
+  }
   [[nodiscard]] Status Stream(const v1::RenderSequenceRequest& request, const OnFrame& on_frame,
                               Progress* progress);
   /// The frame of this index, or, of a stream that may skip, one after it.
@@ -118,23 +131,6 @@ class GrpcClient final : public Client {
   const std::unique_ptr<v1::Render::Stub> render_;
   const std::unique_ptr<v1::Coefficients::Stub> coefficients_;
 };
-
-/// Says which server, and keeps what the details point at.
-Status GrpcClient::Explain(const Status& status) const {
-  if (status.ok()) {
-    return status;
-  }
-  std::string message =
-      fmt::format("server {}: {}{}", address_, MessageOf(status), wire::DescribeDetails(status));
-  if (absl::IsUnavailable(status)) {
-    message += "; `fovea serve ROOT` starts a server";
-    if (message.find("handshake") != std::string::npos ||
-        message.find("SETTINGS") != std::string::npos) {
-      message += "; --tls-ca is for a server with --tls-cert, and needed there";
-    }
-  }
-  return wire::WithMessage(status, message);
-}
 
 StatusOr<std::vector<DatasetSummary>> GrpcClient::ListDatasets() {
   std::vector<DatasetSummary> datasets;
@@ -261,7 +257,11 @@ Status GrpcClient::StreamCoefficients(
     const wire::CoefficientsRequest& request,
     const std::function<Status(const wire::CoefficientsMessage&)>& on_message) {
   FOVEA_RETURN_IF_ERROR(frames::ValidateSpec(request.spec));
-  CoefficientReader reader(*coefficients_, wire::ToProto(request), metadata_, deadline_seconds_);
+  StreamReader<v1::CoefficientBlock> reader(
+      metadata_, deadline_seconds_, {},
+      [&, proto = wire::ToProto(request)](grpc::ClientContext* context, auto* queue) {
+        return coefficients_->PrepareAsyncStreamCoefficients(context, proto, queue);
+      });
   v1::CoefficientBlock proto;
   while (reader.Next(&proto)) {
     auto message = wire::FromProto(std::move(proto));
@@ -283,19 +283,28 @@ Status GrpcClient::WatchDataset(const WatchRequest& request, const OnEvent& on_e
   proto.set_wait(request.wait);
   while (true) {
     bool came = false;
-    EventReader reader(*datasets_, proto, metadata_);
-    const Status status = reader.Run(
-        [&](const DatasetEvent& event) {
-          came = true;
-          if (!event.present) {
-            proto.set_first_step(0);
-          } else if (!event.steps.empty()) {
-            proto.set_first_step(static_cast<uint64_t>(event.steps.back().step) + 1);
-          }
-          return on_event(event);
-        },
-        go_on);
-    if (reader.stopped() || !came || !absl::IsUnavailable(status)) {
+    using Reader = StreamReader<v1::DatasetEvent>;
+    Reader reader(metadata_, Reader::kNoDeadline, go_on, [&](auto* context, auto* queue) {
+      return datasets_->PrepareAsyncWatchDataset(context, proto, queue);
+    });
+    for (v1::DatasetEvent message; reader.Next(&message);) {
+      came = true;
+      const auto event = FromProto(message);
+      FOVEA_RETURN_IF_ERROR(Explain(event.status()));
+      if (!event->present) {
+        proto.set_first_step(0);
+      } else if (!event->steps.empty()) {
+        proto.set_first_step(static_cast<uint64_t>(event->steps.back().step) + 1);
+      }
+      if (!on_event(*event)) {
+        return absl::OkStatus();
+      }
+    }
+    if (reader.stopped()) {
+      return absl::OkStatus();
+    }
+    const Status status = wire::FromGrpc(reader.Finish());
+    if (!came || !absl::IsUnavailable(status)) {
       return Explain(status);
     }
   }
@@ -314,14 +323,8 @@ StatusOr<std::unique_ptr<ReadingSender>> GrpcClient::SendReadings(const Readings
 StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& address,
                                                   const Credentials& credentials,
                                                   double deadline_seconds) {
-  FOVEA_ASSIGN_OR_RETURN(const wire::HostPort parsed, wire::ParseHostPort(address));
-  if (parsed.port == 0) {
-    return InvalidArgument("server '{}': the port must be 1 to 65535", address);
-  }
-  FOVEA_ASSIGN_OR_RETURN(auto channel, MakeChannel(parsed, credentials));
-  FOVEA_ASSIGN_OR_RETURN(std::string authorization, ReadAuthorization(credentials));
-  return std::make_unique<GrpcClient>(parsed.ToString(), std::move(channel),
-                                      std::move(authorization), deadline_seconds);
+  FOVEA_ASSIGN_OR_RETURN(Connection connection, OpenConnection(address, credentials));
+  return std::make_unique<GrpcClient>(std::move(connection), deadline_seconds);
 }
 
 }  // namespace fovea::client

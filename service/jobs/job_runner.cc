@@ -365,6 +365,9 @@ void JobRunner::Finish(Live* live, const Status& status, Attempt* attempt) {
   if (!goes_on && absl::IsCancelled(status)) {
     Tidy(live->job);
   }
+  if (!goes_on && live->job.kind == Kind::kIngestFiles && options_.on_made) {
+    options_.on_made(live->job.dataset);
+  }
   {
     const std::lock_guard lock(mutex_);
     Job& job = live->job;

@@ -27,6 +27,9 @@ struct RunnerOptions {
   int at_once = 1;        // jobs that run at a time
   int threads = 0;        // of each; 0: all processors
   std::string program{};  // of JobProcess
+  /// Called when an ingest to this dataset has ended, before anybody is told. From the runner's
+  /// threads; may be empty.
+  std::function<void(const std::string& dataset)> on_made{};
   /// How long the state folder may be another's: that of a server that was killed is free when the
   /// processes of its jobs have died.
   std::chrono::milliseconds lock_limit{10'000};

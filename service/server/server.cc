@@ -113,8 +113,9 @@ ConnectionTable::Limits LimitsOf(const ServerOptions& options) {
           .per_address = options.max_connections_per_address};
 }
 
-/// Null if the options ask for none.
-StatusOr<std::unique_ptr<jobs::JobRunner>> OpenJobs(const ServerOptions& options) {
+/// Null if the options ask for none. `catalogue` must outlive it.
+StatusOr<std::unique_ptr<jobs::JobRunner>> OpenJobs(const ServerOptions& options,
+                                                    Catalogue* catalogue) {
   if (options.state.empty()) {
     if (!options.ingest_root.empty() || !options.export_root.empty()) {
       return InvalidArgument(
@@ -127,7 +128,11 @@ StatusOr<std::unique_ptr<jobs::JobRunner>> OpenJobs(const ServerOptions& options
                                             .ingest_root = options.ingest_root,
                                             .export_root = options.export_root},
                                 .at_once = options.jobs,
-                                .threads = options.threads});
+                                .threads = options.threads,
+                                // Who is told that a job is done finds its dataset.
+                                .on_made = [catalogue](const std::string& dataset) {
+                                  static_cast<void>(catalogue->FindNow(dataset));
+                                }});
 }
 
 /// What the files were before they were read first.
@@ -322,7 +327,7 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
     spdlog::warn("whoever reaches {} may see everything: neither --tokens nor --tls-client-ca",
                  options.listen);
   }
-  FOVEA_ASSIGN_OR_RETURN(auto jobs, OpenJobs(options));
+  FOVEA_ASSIGN_OR_RETURN(auto jobs, OpenJobs(options, catalogue.get()));
   SetUpGrpc();
   auto server =
       std::make_unique<GrpcServer>(std::move(catalogue), std::move(gate), options, memory);
