@@ -65,7 +65,8 @@ WorkerOptions WorkerFor(const IngestOptions& options, int64_t declared_bytes,
   for (const std::string& path : files) {
     const FileFormat format = FormatByName(path);
     worker.pictures |= format == FileFormat::kPicture;
-    worker.openvdb |= format == FileFormat::kVdb || format == FileFormat::kUnknown;
+    const bool is_sidecar = path.ends_with(".json");
+    worker.openvdb |= format == FileFormat::kVdb || (format == FileFormat::kUnknown && !is_sidecar);
   }
   worker.openvdb &= !options.raw;
   worker.files = std::move(files);

@@ -16,7 +16,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "service/wire/status.h"
+#include "service/wire/printable.h"
 
 namespace fovea::access {
 namespace {

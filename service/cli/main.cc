@@ -5,6 +5,7 @@
 #include <variant>
 #include <vector>
 
+#include "service/cli/become.h"
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
 
@@ -18,8 +19,10 @@ int Main(const std::vector<std::string>& arguments) {
     parsed.exit_status == 0 ? cli::PrintLine(parsed.text) : cli::PrintError(parsed.text);
     return parsed.exit_status;
   }
-  const Status status =
-      std::visit([](const auto& command) { return cli::Run(command); }, *parsed.command);
+  Status status = cli::HandOver(*parsed.command, arguments);
+  if (status.ok()) {
+    status = std::visit([](const auto& command) { return cli::Run(command); }, *parsed.command);
+  }
   if (!status.ok()) {
     cli::PrintError(cli::WithFlag(status));
     return 1;

@@ -11,6 +11,7 @@
 #include "service/export/picture_file.h"
 #include "service/jobs/safe_path.h"
 #include "service/wire/convert.h"
+#include "service/wire/printable.h"
 #include "service/wire/readings.h"
 #include "service/wire/requests.h"
 #include "service/wire/status.h"

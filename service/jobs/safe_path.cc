@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <system_error>
 
-#include "service/wire/status.h"
+#include "service/wire/printable.h"
 
 namespace fovea::jobs {
 namespace {

@@ -9,6 +9,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "service/wire/printable.h"
 #include "service/wire/readings.h"
 #include "service/wire/status.h"
 

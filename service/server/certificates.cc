@@ -13,7 +13,7 @@
 #include <openssl/pem.h>
 #include <openssl/x509.h>
 
-#include "service/wire/status.h"
+#include "service/wire/printable.h"
 
 namespace fovea::server {
 namespace {

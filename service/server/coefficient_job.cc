@@ -7,6 +7,7 @@
 
 #include "service/frames/frames.h"
 #include "service/server/frame_job.h"
+#include "service/wire/printable.h"
 #include "service/wire/requests.h"
 #include "service/wire/status.h"
 

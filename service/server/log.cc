@@ -8,7 +8,7 @@
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
-#include "service/wire/status.h"
+#include "service/wire/printable.h"
 
 namespace fovea::server {
 namespace {

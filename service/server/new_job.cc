@@ -7,6 +7,7 @@
 #include "service/jobs/job_message.h"
 #include "service/jobs/job_request.h"
 #include "service/wire/convert.h"
+#include "service/wire/printable.h"
 #include "service/wire/requests.h"
 #include "service/wire/status.h"
 

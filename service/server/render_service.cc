@@ -12,6 +12,7 @@
 #include "service/server/unary_call.h"
 #include "service/server/view_reactors.h"
 #include "service/wire/convert.h"
+#include "service/wire/printable.h"
 #include "service/wire/requests.h"
 #include "service/wire/status.h"
 

@@ -6,6 +6,7 @@
 #include <set>
 #include <string_view>
 
+#include "service/wire/printable.h"
 #include "service/wire/status.h"
 
 namespace fovea::wire {

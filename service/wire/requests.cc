@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "service/wire/convert.h"
+#include "service/wire/printable.h"
 #include "service/wire/status.h"
 
 namespace fovea::wire {

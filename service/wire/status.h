@@ -43,10 +43,6 @@ namespace fovea::wire {
 [[nodiscard]] grpc::Status ToGrpc(const Status& status);
 [[nodiscard]] Status FromGrpc(const grpc::Status& status);
 
-/// `text` from outside, fit for an error message or a log line: control characters escaped, and
-/// cut (with "...") at `max_bytes`.
-[[nodiscard]] std::string Printable(std::string_view text, size_t max_bytes = 120);
-
 }  // namespace fovea::wire
 
 #endif  // SERVICE_WIRE_STATUS_H_

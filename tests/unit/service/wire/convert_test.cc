@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "service/wire/printable.h"
 #include "service/wire/status.h"
 #include "tests/support/status_matchers.h"
 
