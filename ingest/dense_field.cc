@@ -5,6 +5,8 @@
 #include <cstring>
 #include <utility>
 
+#include "engine/base/buffers.h"
+
 namespace fovea::ingest {
 namespace {
 
@@ -33,27 +35,6 @@ wavelet::VoxelSpan TypedSpan(DenseType type, const std::byte* bytes, int64_t cou
 }
 
 }  // namespace
-
-std::shared_ptr<BufferPool::Buffer> BufferPool::Take(const std::shared_ptr<BufferPool>& pool,
-                                                     size_t bytes) {
-  std::unique_ptr<Buffer> buffer;
-  {
-    const std::lock_guard lock(pool->mutex_);
-    if (!pool->idle_.empty()) {
-      buffer = std::move(pool->idle_.back());
-      pool->idle_.pop_back();
-    }
-  }
-  if (buffer == nullptr) {
-    buffer = std::make_unique<Buffer>();
-  }
-  buffer->resize(bytes);
-  return {buffer.release(), [pool](Buffer* used) {
-            std::unique_ptr<Buffer> back(used);
-            const std::lock_guard lock(pool->mutex_);
-            pool->idle_.push_back(std::move(back));
-          }};
-}
 
 Status DenseField::Consume(const FrameView& reply, SlabRing* slabs, const OnSlices& on_slices) {
   if (reply.kind == FrameKind::kDense && !has_begun_) {
@@ -140,9 +121,9 @@ Status DenseField::AddRows(int64_t rows, std::span<const std::byte> bytes,
 void DenseField::Copy(int64_t rows, const std::byte* from) {
   const int64_t row_bytes = size_.x * value_bytes_;
   if (piece_ == nullptr) {
-    piece_ = BufferPool::Take(buffers_, static_cast<size_t>(RowsOfPiece() * row_bytes));
+    piece_ = TakeBytes(static_cast<size_t>(RowsOfPiece() * row_bytes));
   }
-  std::byte* const row = piece_->data() + (next_row_ - piece_first_) * row_bytes;
+  std::byte* const row = piece_.get() + (next_row_ - piece_first_) * row_bytes;
   std::byte* const to = row + box_.lo.x * value_bytes_;
   const int64_t count = rows * box_.Size().x;
   if (box_.Size().x != size_.x) {
@@ -171,10 +152,10 @@ Status DenseField::PadTo(int64_t row, const OnSlices& on_slices) {
   const int64_t row_bytes = size_.x * value_bytes_;
   while (next_row_ < row) {
     if (piece_ == nullptr) {
-      piece_ = BufferPool::Take(buffers_, static_cast<size_t>(RowsOfPiece() * row_bytes));
+      piece_ = TakeBytes(static_cast<size_t>(RowsOfPiece() * row_bytes));
     }
     const int64_t run = std::min(row, piece_first_ + RowsOfPiece()) - next_row_;
-    std::memset(piece_->data() + (next_row_ - piece_first_) * row_bytes, 0,
+    std::memset(piece_.get() + (next_row_ - piece_first_) * row_bytes, 0,
                 static_cast<size_t>(run * row_bytes));
     next_row_ += run;
     if (next_row_ == piece_first_ + RowsOfPiece()) {
@@ -186,8 +167,8 @@ Status DenseField::PadTo(int64_t row, const OnSlices& on_slices) {
 
 Status DenseField::Deliver(const OnSlices& on_slices) {
   const int64_t count = RowsOfPiece() / size_.y;
-  DenseSlices slices{TypedSpan(type_, piece_->data(), count * size_.y * size_.x), count,
-                     std::ssize(*piece_), piece_};
+  const int64_t values = count * size_.y * size_.x;
+  DenseSlices slices{TypedSpan(type_, piece_.get(), values), count, values * value_bytes_, piece_};
   piece_ = nullptr;
   piece_first_ = next_row_;
   return on_slices(std::move(slices));

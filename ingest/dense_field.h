@@ -5,10 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <span>
-#include <utility>
-#include <vector>
 
 #include "engine/base/status.h"
 #include "engine/volume/geometry.h"
@@ -18,19 +15,6 @@
 #include "ingest/slab_ring.h"
 
 namespace fovea::ingest {
-
-/// Buffers that are used again: new memory costs as much as filling it. Thread-safe.
-class BufferPool {
- public:
-  using Buffer = std::vector<std::byte>;
-  /// A buffer of `bytes`, anything in it, which comes back when the last copy is dropped.
-  [[nodiscard]] static std::shared_ptr<Buffer> Take(const std::shared_ptr<BufferPool>& pool,
-                                                    size_t bytes);
-
- private:
-  std::mutex mutex_;
-  std::vector<std::unique_ptr<Buffer>> idle_;  // guarded by mutex_
-};
 
 /// Whole slices of a dense field, of all of the extent, in the type they came in.
 struct DenseSlices {
@@ -57,13 +41,8 @@ class DenseField {
 
   /// `extent` as in the request; what the field does not cover of it is 0. Pieces are of `slices`
   /// slices, but for the last; RESOURCE_EXHAUSTED if one takes more than `max_piece_bytes`.
-  DenseField(const Box3& extent, int64_t slices, int64_t max_piece_bytes,
-             std::shared_ptr<BufferPool> buffers)
-      : extent_(extent),
-        size_(extent.Size()),
-        slices_(slices),
-        max_piece_bytes_(max_piece_bytes),
-        buffers_(std::move(buffers)) {}
+  DenseField(const Box3& extent, int64_t slices, int64_t max_piece_bytes)
+      : extent_(extent), size_(extent.Size()), slices_(slices), max_piece_bytes_(max_piece_bytes) {}
 
   /// Whether kDense came: all other replies are for this.
   [[nodiscard]] bool has_begun() const { return has_begun_; }
@@ -90,13 +69,12 @@ class DenseField {
   Int3 size_;  // of the extent
   int64_t slices_;
   int64_t max_piece_bytes_;
-  std::shared_ptr<BufferPool> buffers_;
   bool has_begun_ = false;
   bool has_ended_ = false;
   DenseType type_ = DenseType::kUint8;
   int64_t value_bytes_ = 1;
   Box3 box_;  // of what comes, in voxels of the extent
-  std::shared_ptr<BufferPool::Buffer> piece_;
+  std::shared_ptr<std::byte> piece_;
   int64_t piece_first_ = 0;  // its first row
   int64_t next_row_ = 0;     // of the extent, counted through all slices
   int64_t came_ = 0;         // rows of box_

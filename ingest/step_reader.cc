@@ -272,7 +272,7 @@ Status StepReader::Read(const PlannedStep& step, Lane* lane) {
 Status StepReader::ReadFields(const std::string& path, const ReadRequest& request,
                               const std::vector<size_t>& members, int64_t* bytes_left, Lane* lane) {
   StepAssembler assembler(plan_.extent, options_.chunk_edge, members.size(), *bytes_left);
-  DenseField dense(plan_.extent, 2 * options_.chunk_edge, *bytes_left / 8, buffers_);
+  DenseField dense(plan_.extent, 2 * options_.chunk_edge, *bytes_left / 8);
   const auto push = [&](DenseSlices slices) -> Status {
     const double before = lane->waited_ms;
     const int64_t bytes = slices.bytes;

@@ -89,7 +89,6 @@ class StepReader {
 
   const IngestOptions& options_;
   const SeriesPlan& plan_;
-  std::shared_ptr<BufferPool> buffers_ = std::make_shared<BufferPool>();
   std::mutex mutex_;
   std::condition_variable changed_;
   bool stopped_ = false;  // guarded by mutex_

@@ -7,7 +7,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "engine/wavelet/buffers.h"
+#include "engine/base/buffers.h"
 #include "engine/wavelet/forward_stream.h"
 
 namespace fovea::wavelet::internal {

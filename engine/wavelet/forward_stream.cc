@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "engine/base/buffers.h"
 #include "engine/base/parallel.h"
-#include "engine/wavelet/buffers.h"
 #include "engine/wavelet/forward_kernels.h"
 #include "engine/wavelet/forward_source.h"
 
@@ -282,7 +282,7 @@ Status Stream<Value>::MakeLayer(int level, int64_t z) {
   const std::vector<int64_t> runs =
       Runs(parents, internal::MostBricks<Value>(options_.basis.wavelet));
   const std::shared_ptr<Value> cells =
-      internal::TakeBuffer<Value>(parents.size() * static_cast<size_t>(CubeOf()));
+      TakeBuffer<Value>(parents.size() * static_cast<size_t>(CubeOf()));
   const Value background = static_cast<Value>(options_.background - bias_);
   std::vector<BrickAt<Value>> means(parents.size());
   std::mutex mutex;

@@ -15,6 +15,9 @@
 namespace fovea::ingest {
 namespace {
 
+/// Of a slab, if a row is no longer: so little memory is new, and all of it stays in the caches.
+constexpr int64_t kBytesAtOnce = 512 << 10;
+
 /// IEEE 754 binary16, as its bits.
 struct Half {
   uint16_t bits = 0;
@@ -135,7 +138,7 @@ Status SendDense(const DenseFormat& format, const Box3& extent, DenseSamples* sa
   FOVEA_RETURN_IF_ERROR(sender.Start({0, travel.type, box}));
   FieldEnd end{box, 0};
   const int64_t row_bytes = dims.x * BytesOf(format.type);
-  const int64_t at_once = static_cast<int64_t>(kSlabBytes) / (dims.x * BytesOf(travel.type));
+  const int64_t at_once = std::max<int64_t>(1, kBytesAtOnce / (dims.x * BytesOf(travel.type)));
   std::vector<std::byte> unconverted;
   for (int64_t left = dims.y * dims.z; left > 0;) {
     const int64_t rows = std::min(left, at_once);

@@ -54,8 +54,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   Channel channel(sockets[0]);
   const Box3 extent{{-5, -3, 0}, {30, 40, 50}};
   StepAssembler assembler(extent, 16, 2, kMemoryBytes);
-  const auto buffers = std::make_shared<BufferPool>();
-  DenseField dense(extent, 4, kMemoryBytes, buffers);
+  DenseField dense(extent, 4, kMemoryBytes);
   Status status;
   bool is_dense = false;
   while (status.ok()) {

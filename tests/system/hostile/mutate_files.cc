@@ -139,8 +139,7 @@ Status TakePicture(const IngestOptions& options, const std::string& path, Worker
   }));
   FOVEA_ASSIGN_OR_RETURN(const SeriesPlan plan, PlanSeries(options, {scanned}, std::nullopt));
   for (const PlannedStep& step : plan.steps) {
-    DenseField field(plan.extent, 2 * options.chunk_edge, kWorkerMemoryBytes,
-                     std::make_shared<BufferPool>());
+    DenseField field(plan.extent, 2 * options.chunk_edge, kWorkerMemoryBytes);
     const Frame read = Encode(ReadRequest{
         {path}, {}, step.sources.front().step_in_file, plan.extent, {""}, plan.lattice});
     FOVEA_RETURN_IF_ERROR(client->Call(path, read, {}, [&](const FrameView& reply) {

@@ -35,7 +35,7 @@ class DenseFieldTest : public ::testing::Test {
   void TearDown() override { ::munmap(worker_, kSlabs * kSlabBytes); }
 
   [[nodiscard]] DenseField Field(const Box3& extent, int64_t slices) const {
-    return DenseField(extent, slices, kPlenty, std::make_shared<BufferPool>());
+    return DenseField(extent, slices, kPlenty);
   }
   [[nodiscard]] Status Feed(DenseField* field, const FrameView& frame) {
     return field->Consume(frame, slabs_.get(), [&](DenseSlices slices) -> Status {

@@ -157,11 +157,11 @@ TEST(WorkerClientTest, AnErrorOfTheWorkerIsMadePrintableAndTheWorkerStays) {
 TEST(WorkerClientTest, AWorkerThatMisusesSlabsIsReported) {
   WorkerClient client(Fake(0.5));
   const auto read = [&](const std::string& path) {
-    DenseField field({{0, 0, 0}, {8, 8, 1000000}}, 32, 1 << 20, std::make_shared<BufferPool>());
+    DenseField field({{0, 0, 0}, {8, 8, 1000000}}, 32, 1 << 20);
     const auto drop = [](const DenseSlices&) { return absl::OkStatus(); };
-    return client.Call(path, Encode(ScanRequest{{path}, {}, false}), {}, [&](const FrameView& frame) {
-      return field.Consume(frame, client.slabs(), drop);
-    });
+    return client.Call(
+        path, Encode(ScanRequest{{path}, {}, false}), {},
+        [&](const FrameView& frame) { return field.Consume(frame, client.slabs(), drop); });
   };
   EXPECT_THAT(read("slabs and out"), FailsWith(absl::StatusCode::kDataLoss, "signal 9"));
   EXPECT_THAT(read("slabs beyond"), FailsWith(absl::StatusCode::kInternal, "slab"));

@@ -1,4 +1,4 @@
-#include "engine/wavelet/buffers.h"
+#include "engine/base/buffers.h"
 
 #include <cstdint>
 #include <cstring>
@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-namespace fovea::wavelet::internal {
+namespace fovea {
 namespace {
 
 TEST(BuffersTest, WhatIsGivenBackServesTheNextOfItsSize) {
@@ -41,4 +41,4 @@ TEST(BuffersTest, MoreThanTheMostIsNotKept) {
 }
 
 }  // namespace
-}  // namespace fovea::wavelet::internal
+}  // namespace fovea

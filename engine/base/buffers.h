@@ -1,15 +1,16 @@
-#ifndef ENGINE_WAVELET_BUFFERS_H_
-#define ENGINE_WAVELET_BUFFERS_H_
+#ifndef ENGINE_BASE_BUFFERS_H_
+#define ENGINE_BASE_BUFFERS_H_
 
 #include <cstddef>
 #include <memory>
 
-/// Working memory of the forward transform. What one stream is done with serves the next: fresh
-/// pages would cost a tenth of a Haar transform.
-namespace fovea::wavelet::internal {
+/// Working memory that is used again: fresh pages would cost a tenth of a Haar transform, and as
+/// much as filling them.
+namespace fovea {
 
 /// At least `bytes` bytes, aligned to 64, with any contents. When the last copy of the pointer
-/// goes, they are kept for the next taker (kMostKept in all, by the process). Thread-safe.
+/// goes, they are kept for the next taker (kMostKept in all, by the process). Throws
+/// std::bad_alloc. Thread-safe.
 [[nodiscard]] std::shared_ptr<std::byte> TakeBytes(size_t bytes);
 inline constexpr size_t kMostKept = size_t{64} << 20;
 
@@ -20,6 +21,6 @@ template <typename Value>
   return {bytes, reinterpret_cast<Value*>(bytes.get())};
 }
 
-}  // namespace fovea::wavelet::internal
+}  // namespace fovea
 
-#endif  // ENGINE_WAVELET_BUFFERS_H_
+#endif  // ENGINE_BASE_BUFFERS_H_

@@ -1,18 +1,38 @@
-#include "engine/wavelet/buffers.h"
+#include "engine/base/buffers.h"
+
+#include <sys/mman.h>
 
 #include <algorithm>
 #include <bit>
+#include <cstdlib>
 #include <map>
 #include <mutex>
+#include <new>
 #include <utility>
 #include <vector>
 
-#include <hwy/aligned_allocator.h>
-
-namespace fovea::wavelet::internal {
+namespace fovea {
 namespace {
 
-using Memory = hwy::AlignedFreeUniquePtr<std::byte[]>;
+constexpr size_t kHugePage = size_t{2} << 20;
+
+struct Free {
+  void operator()(std::byte* memory) const { std::free(memory); }
+};
+using Memory = std::unique_ptr<std::byte, Free>;
+
+/// In huge pages, where the system has them for those who ask: one fault for each instead of 512.
+Memory Allocate(size_t size) {
+  const bool is_large = size >= kHugePage;
+  Memory memory(static_cast<std::byte*>(std::aligned_alloc(is_large ? kHugePage : 64, size)));
+  if (memory == nullptr) {
+    throw std::bad_alloc();
+  }
+  if (is_large) {
+    ::madvise(memory.get(), size, MADV_HUGEPAGE);
+  }
+  return memory;
+}
 
 /// What is kept, by size; sizes are powers of two.
 class Kept {
@@ -54,10 +74,9 @@ std::shared_ptr<std::byte> TakeBytes(size_t bytes) {
   const size_t size = std::bit_ceil(std::max<size_t>(bytes, 64));
   Memory memory = TheKept().Take(size);
   if (memory == nullptr) {
-    memory = hwy::AllocateAligned<std::byte>(size);
+    memory = Allocate(size);
   }
-  return {memory.release(),
-          [size](std::byte* done) { TheKept().GiveBack(size, Memory(done, hwy::AlignedFreer())); }};
+  return {memory.release(), [size](std::byte* done) { TheKept().GiveBack(size, Memory(done)); }};
 }
 
-}  // namespace fovea::wavelet::internal
+}  // namespace fovea
