@@ -1,7 +1,9 @@
 #include "engine/volume/value_stats.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <utility>
 
@@ -27,12 +29,21 @@ class Binning {
   double least_, scale_;
 };
 
+/// Whether the values of a word are all the same, as in what surrounds most things.
+template <typename T>
+bool IsOneValue(const T* values) {
+  uint64_t word = 0;
+  std::memcpy(&word, values, sizeof(word));
+  return word == std::rotl(word, 8 * sizeof(T));
+}
+
 }  // namespace
 
 template <typename T>
 void ValueStats::CountWhole(std::span<const T> values) {
   constexpr size_t kRange = size_t{1} << (8 * sizeof(T));
   constexpr size_t kTables = sizeof(T) == 1 ? 4 : 2;
+  constexpr size_t kPerWord = sizeof(uint64_t) / sizeof(T);
   constexpr int64_t kLeast = std::numeric_limits<T>::min();
   whole_.resize(kWholeValues);
   tables_.resize(kTables * kRange);
@@ -45,9 +56,13 @@ void ValueStats::CountWhole(std::span<const T> values) {
     }
     unmerged_ += piece.size();
     size_t i = 0;
-    for (; i + kTables <= piece.size(); i += kTables) {
-      for (size_t table = 0; table < kTables; ++table) {
-        ++tables_[table * kRange + static_cast<size_t>(piece[i + table] - kLeast)];
+    for (; i + kPerWord <= piece.size(); i += kPerWord) {
+      if (IsOneValue(&piece[i])) {
+        tables_[static_cast<size_t>(piece[i] - kLeast)] += kPerWord;
+        continue;
+      }
+      for (size_t k = 0; k < kPerWord; ++k) {
+        ++tables_[k % kTables * kRange + static_cast<size_t>(piece[i + k] - kLeast)];
       }
     }
     for (; i < piece.size(); ++i) {
