@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <mutex>
 #include <optional>
@@ -66,18 +67,25 @@ void ClearPast(const Int3& counts, int64_t edge, Value* band) {
   }
 }
 
-/// The largest |value|; not finite if one is not.
+/// The largest |value|; not finite if one is not. Magnitudes are in the order of their bits, NaN
+/// the largest of all, and compilers make vectors of integers.
+float LargestOf(std::span<const float> values) {
+  int32_t largest = 0;
+  for (const float value : values) {
+    largest = std::max(largest, std::bit_cast<int32_t>(value) & INT32_MAX);
+  }
+  return std::bit_cast<float>(largest);
+}
+
+/// The largest |value|.
 template <typename Value>
 float LargestOf(std::span<const Value> values) {
-  float largest = 0;
+  Value least = 0, most = 0;
   for (const Value value : values) {
-    const float magnitude = std::fabs(static_cast<float>(value));
-    largest = magnitude <= largest ? largest : magnitude;
-    if (std::isnan(magnitude)) {
-      return magnitude;
-    }
+    least = std::min(least, value);
+    most = std::max(most, value);
   }
-  return largest;
+  return std::max(-static_cast<float>(least), static_cast<float>(most));
 }
 
 template <typename Value>
