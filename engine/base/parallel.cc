@@ -14,7 +14,9 @@
 namespace fovea {
 
 int HardwareThreads() {
-  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  // Asked once: the answer is in a file, and every loop wants it.
+  static const int threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  return threads;
 }
 
 #ifdef FOVEA_PARALLEL_STD

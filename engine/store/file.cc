@@ -16,18 +16,6 @@ constexpr std::string_view kTemporarySuffix = ".tmp";
 
 using Access = FileSystem::Access;
 
-/// Flushes through a handle of its own; a write error that nobody was told of yet comes here.
-Status FlushPath(FileSystem& files, const std::string& path, Access access) {
-  const Handle handle(files, files.Open(path, access));
-  if (!handle.ok()) {
-    return ErrnoStatus(-handle.get(), "cannot open", path);
-  }
-  if (const int flushed = files.Flush(handle.get()); flushed < 0) {
-    return ErrnoStatus(-flushed, "cannot flush", path);
-  }
-  return absl::OkStatus();
-}
-
 }  // namespace
 
 Status ErrnoStatus(int error, std::string_view action, const std::string& path) {
@@ -165,7 +153,12 @@ std::string DirectoryOf(const std::string& path) {
 }
 
 Status FlushDirectory(FileSystem& files, const std::string& path) {
-  return FlushPath(files, path, Access::kDirectory);
+  const Handle handle(files, files.Open(path, Access::kDirectory));
+  if (!handle.ok()) {
+    return ErrnoStatus(-handle.get(), "cannot open", path);
+  }
+  const int flushed = files.Flush(handle.get());
+  return flushed < 0 ? ErrnoStatus(-flushed, "cannot flush", path) : absl::OkStatus();
 }
 
 Status MakeDirectory(FileSystem& files, const std::string& path) {
@@ -221,16 +214,25 @@ void FileBatch::Absorb(FileBatch* other) {
 }
 
 Status FileBatch::Flush() {
-  // Writing is started for all of them first: the file system then commits most of them with the
-  // first flush, and the others cost little.
-  for (const std::string& path : paths_) {
-    const Handle handle(files_, files_.Open(TemporaryName(path), Access::kRead));
-    if (handle.ok()) {
-      files_.StartFlush(handle.get());
+  // Writing is started for many first: the file system then commits most of them with the first
+  // flush, and the others cost little.
+  constexpr size_t kAtOnce = 64;  // handles
+  for (size_t first = 0; first < paths_.size(); first += kAtOnce) {
+    std::vector<Handle> handles;
+    const size_t end = std::min(first + kAtOnce, paths_.size());
+    for (size_t i = first; i < end; ++i) {
+      const std::string name = TemporaryName(paths_[i]);
+      handles.emplace_back(files_, files_.Open(name, Access::kRead));
+      if (!handles.back().ok()) {
+        return ErrnoStatus(-handles.back().get(), "cannot open", name);
+      }
+      files_.StartFlush(handles.back().get());
     }
-  }
-  for (const std::string& path : paths_) {
-    FOVEA_RETURN_IF_ERROR(FlushPath(files_, TemporaryName(path), Access::kRead));
+    for (size_t i = first; i < end; ++i) {
+      if (const int flushed = files_.Flush(handles[i - first].get()); flushed < 0) {
+        return ErrnoStatus(-flushed, "cannot flush", TemporaryName(paths_[i]));
+      }
+    }
   }
   return absl::OkStatus();
 }

@@ -1,8 +1,8 @@
 #include "service/frames/plan.h"
 
 #include <algorithm>
-#include <thread>
 
+#include "engine/base/parallel.h"
 #include "engine/store/read_quote.h"
 #include "service/frames/frames.h"
 
@@ -10,7 +10,7 @@ namespace fovea::frames {
 namespace {
 
 int Threads(int wanted) {
-  return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  return wanted > 0 ? wanted : HardwareThreads();
 }
 
 /// What of the plan breaks the budget first; empty if nothing does.
