@@ -26,7 +26,7 @@ int64_t MaxStepBytes() {
 constexpr size_t kMostLanes = 2;
 /// What may wait in a lane: so many parts, and so many bytes if there is more than one.
 constexpr size_t kMostParts = 64;
-constexpr int64_t kMostPartBytes = 64 << 20;
+constexpr int64_t kMostPartBytes = 16 << 20;
 
 int64_t LargestFile(const std::vector<SequenceFile>& files) {
   int64_t largest = 0;
