@@ -78,13 +78,13 @@ std::vector<Finding> CheckWorkers() {
   return findings;
 }
 
-Finding CheckServer() {
-  const StatusOr<std::string> path = ingest::FindProgram("fovead");
+Finding CheckProgram(const std::string& name, const std::string& who) {
+  const StatusOr<std::string> path = ingest::FindProgram(name);
   if (path.ok()) {
-    return {"fovead", *path, Verdict::kGood, ""};
+    return {name, *path, Verdict::kGood, ""};
   }
-  return {"fovead", std::string(MessageOf(path.status())), Verdict::kMissing,
-          "fovea serve needs it: put it beside fovea"};
+  return {name, std::string(MessageOf(path.status())), Verdict::kMissing,
+          who + " needs it: put it beside fovea"};
 }
 
 Finding CheckMovies() {
@@ -110,7 +110,8 @@ std::vector<Finding> CheckPrograms() {
   for (Finding& finding : CheckWorkers()) {
     findings.push_back(std::move(finding));
   }
-  findings.push_back(CheckServer());
+  findings.push_back(CheckProgram("fovead", "fovea serve"));
+  findings.push_back(CheckProgram("fovea-remote", "fovea --server"));
   findings.push_back(CheckMovies());
   return findings;
 }

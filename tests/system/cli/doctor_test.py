@@ -34,10 +34,15 @@ class DoctorTest(FoveaTest):
         environment = {k: v for k, v in os.environ.items() if k != "FOVEA_LIBEXEC"}
         result = subprocess.run([alone / "fovea", "doctor"], capture_output=True,
                                 text=True, timeout=60, env=environment)
+        asking = subprocess.run([alone / "fovea", "info", "--server", "127.0.0.1:1"],
+                                capture_output=True, text=True, timeout=60, env=environment)
         shutil.rmtree(alone)
         self.assertEqual(result.returncode, 1)
-        self.assertIn("! fovea-worker", result.stdout)
+        for program in ("fovea-worker", "fovea-remote", "fovead"):
+            self.assertIn("! " + program, result.stdout)
         self.assertIn("FOVEA_LIBEXEC", result.stdout)
+        self.assertEqual(asking.returncode, 1)
+        self.assertIn("fovea-remote", asking.stderr)
 
 
 if __name__ == "__main__":
