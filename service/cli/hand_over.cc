@@ -40,6 +40,12 @@ StatusOr<std::unique_ptr<client::Client>> client::Client::Connect(
   return HandedOver();
 }
 
+StatusOr<std::unique_ptr<client::JobsClient>> client::JobsClient::Connect(
+    const std::string& /*address*/, const Credentials& /*credentials*/,
+    double /*deadline_seconds*/) {
+  return HandedOver();
+}
+
 StatusOr<std::unique_ptr<exports::FrameProvider>> exports::OpenRemote(
     const std::string& /*address*/, const client::Credentials& /*credentials*/,
     const std::string& /*dataset*/, Transport /*transport*/, int /*threads*/) {
