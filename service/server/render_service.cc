@@ -101,6 +101,9 @@ grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext
       services_, *context,
       {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
       response);
+  if (call->IsRefusedBy(services_.renders)) {
+    return call.get();
+  }
   auto parsed = wire::FromProto(*request);
   if (!parsed.ok()) {
     call->Complete(parsed.status());

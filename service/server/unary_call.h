@@ -10,6 +10,7 @@
 
 #include "engine/base/status.h"
 #include "service/server/admission.h"
+#include "service/server/give_way.h"
 #include "service/server/services.h"
 #include "service/wire/requests.h"
 #include "service/wire/status.h"
@@ -41,6 +42,18 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
 
   /// Who calls. For the jobs of the call: they do not run if it was not let in.
   [[nodiscard]] access::Caller& caller() const { return *admission_.caller; }
+
+  /// On gRPC's thread. Whether the call is over, now if `pool` has no room: before anything is
+  /// worked out for it.
+  [[nodiscard]] bool IsRefusedBy(WorkPool& pool) {
+    if (!over()) {
+      if (Status room = pool.CheckRoom(admission_.client); !room.ok()) {
+        Complete(std::move(room));
+      }
+    }
+    GiveWay(pool.IsCrowded());
+    return over();
+  }
 
   /// Runs `job` in `pool`, unless the call is over before its turn comes. A full pool ends the
   /// call.

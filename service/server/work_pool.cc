@@ -29,11 +29,7 @@ WorkPool::~WorkPool() {
 }
 
 StatusOr<WorkPool::Ticket> WorkPool::Submit(int64_t bytes, Job job, const std::string& client) {
-  constexpr auto kRetry = std::chrono::seconds(1);
   const std::lock_guard lock(mutex_);
-  const auto line = lines_.find(client);
-  const int64_t mine = line == lines_.end() ? 0 : static_cast<int64_t>(line->second.size());
-  const std::string flag = limits_.flag.empty() ? "" : " (" + limits_.flag + ")";
   if (bytes > limits_.max_running_bytes) {
     ++refused_;
     return ResourceExhausted(
@@ -41,23 +37,41 @@ StatusOr<WorkPool::Ticket> WorkPool::Submit(int64_t bytes, Job job, const std::s
         "them (--memory-limit); ask for a lower rate or a smaller picture",
         (bytes >> 20) + 1, limits_.max_running_bytes >> 20);
   }
+  FOVEA_RETURN_IF_ERROR(CheckPlace(client));
+  return Push(client, bytes, std::move(job));
+}
+
+Status WorkPool::CheckRoom(const std::string& client) {
+  const std::lock_guard lock(mutex_);
+  return CheckPlace(client);
+}
+
+bool WorkPool::IsCrowded() {
+  const std::lock_guard lock(mutex_);
+  return refused_ > 0 && std::chrono::steady_clock::now() - refused_at_ < std::chrono::seconds(1);
+}
+
+Status WorkPool::CheckPlace(const std::string& client) {
+  constexpr auto kRetry = std::chrono::seconds(1);
+  const auto line = lines_.find(client);
+  const int64_t mine = line == lines_.end() ? 0 : static_cast<int64_t>(line->second.size());
+  if (mine < limits_.max_waiting - waiting_) {
+    return absl::OkStatus();
+  }
+  ++refused_;
+  refused_at_ = std::chrono::steady_clock::now();
+  const std::string flag = limits_.flag.empty() ? "" : " (" + limits_.flag + ")";
   if (waiting_ >= limits_.max_waiting) {
-    ++refused_;
     return wire::WithRetry(ResourceExhausted("the {} is full: {} calls wait already{}; try again "
                                              "later",
                                              limits_.name, waiting_, flag),
                            kRetry);
   }
-  if (mine >= limits_.max_waiting - waiting_) {
-    ++refused_;
-    return wire::WithRetry(
-        ResourceExhausted(
-            "this client has its share of the {}: {} of its calls wait already, of {} "
-            "in all{}; try again later",
-            limits_.name, mine, waiting_, flag),
-        kRetry);
-  }
-  return Push(client, bytes, std::move(job));
+  return wire::WithRetry(
+      ResourceExhausted("this client has its share of the {}: {} of its calls wait already, of {} "
+                        "in all{}; try again later",
+                        limits_.name, mine, waiting_, flag),
+      kRetry);
 }
 
 WorkPool::Ticket WorkPool::SubmitAdmitted(int64_t bytes, Job job, const std::string& client) {
@@ -136,7 +150,9 @@ void WorkPool::Run() {
     Entry entry = TakeNext();
     ++running_;
     running_bytes_ += entry.bytes;
-    const int share = std::max(1, limits_.threads / running_);
+    // What waits will run beside it on all other threads.
+    const int64_t beside = std::min<int64_t>(waiting_, limits_.threads - running_);
+    const int share = std::max(1, limits_.threads / (running_ + static_cast<int>(beside)));
     lock.unlock();
     entry.job(share);
     entry.job = nullptr;

@@ -1,6 +1,7 @@
 #ifndef SERVICE_SERVER_WORK_POOL_H_
 #define SERVICE_SERVER_WORK_POOL_H_
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
@@ -48,6 +49,10 @@ class WorkPool {
   /// the memory that the job will use; above max_running_bytes it can never run, and is refused
   /// without RetryInfo.
   [[nodiscard]] StatusOr<Ticket> Submit(int64_t bytes, Job job, const std::string& client = "");
+  /// What Submit would say of a small job now: refuses early what would be refused after all.
+  [[nodiscard]] Status CheckRoom(const std::string& client);
+  /// Whether it refused anything in the last second.
+  [[nodiscard]] bool IsCrowded();
   /// For the next piece of something that was admitted before: never refused. Runs alone if it
   /// needs more than max_running_bytes.
   Ticket SubmitAdmitted(int64_t bytes, Job job, const std::string& client = "");
@@ -65,7 +70,8 @@ class WorkPool {
   };
 
   void Run();
-  // All three with mutex_ held.
+  // All four with mutex_ held.
+  [[nodiscard]] Status CheckPlace(const std::string& client);
   [[nodiscard]] bool MayStart() const;
   [[nodiscard]] Entry TakeNext();
   Ticket Push(const std::string& client, int64_t bytes, Job job);
@@ -81,6 +87,7 @@ class WorkPool {
   int running_ = 0;
   int64_t running_bytes_ = 0;
   uint64_t refused_ = 0;
+  std::chrono::steady_clock::time_point refused_at_;  // the last time, if refused_ > 0
   bool stopping_ = false;
   std::vector<std::thread> threads_;  // written by the constructor only
 };

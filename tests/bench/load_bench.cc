@@ -8,6 +8,8 @@
 //   large     40 clients ask for 200 frames a second of 64 MiB each (2048 x 2048, RAW_RGBA_F32,
 //             rate 200)
 //   overload  10 times what the server can do (measured first), then a load of 0.8 times that
+//   apart     the same, the server on processor 0 and the clients on 1: what refusing costs the
+//             server, without what asking costs
 //   slow      a stream of window 2 whose client takes 50 ms a frame: how old each frame is when it
 //             comes, since the acknowledgement that asked for it
 //   soak      0.8 times what the server can do; resident memory twice a minute
@@ -29,6 +31,7 @@
 
 #include <fmt/format.h>
 #include <grpcpp/grpcpp.h>
+#include <sched.h>
 #include <signal.h>
 
 #include "fovea/v1/render.grpc.pb.h"
@@ -378,25 +381,43 @@ void Soak(const Child& child, const std::string& name, double duration_s) {
   }
 }
 
+/// All that this thread starts from now on runs on this processor.
+void StayOn(int processor) {
+  cpu_set_t only;
+  CPU_ZERO(&only);
+  CPU_SET(processor, &only);
+  if (sched_setaffinity(0, sizeof(only), &only) != 0) {
+    fmt::print(stderr, "load_bench: there is no processor {}\n", processor);
+    std::exit(1);
+  }
+}
+
 int Main(int argc, char** argv) {
   if (argc < 5) {
-    fmt::print(stderr,
-               "load_bench FOVEAD ROOT DATASET frame|clients|large|overload|slow|soak [SECONDS "
-               "[FOVEAD_FLAG...]]\n");
+    fmt::print(
+        stderr,
+        "load_bench FOVEAD ROOT DATASET frame|clients|large|overload|apart|slow|soak [SECONDS "
+        "[FOVEAD_FLAG...]]\n");
     return 2;
   }
   const std::string root = argv[2];
   const std::string name = argv[3];
   const std::string mode = argv[4];
   const double duration_s = argc > 5 ? std::atof(argv[5]) : 30;
+  if (mode == "apart") {
+    StayOn(0);  // the child does, too
+  }
   const Child child(argv[1], root, {argv + std::min(argc, 6), argv + argc});
+  if (mode == "apart") {
+    StayOn(1);
+  }
   if (mode == "frame") {
     MeasureFrame(child, root, name);
   } else if (mode == "clients") {
     MeasureClients(child, name, duration_s);
   } else if (mode == "large") {
     MeasureLarge(child, name, duration_s);
-  } else if (mode == "overload") {
+  } else if (mode == "overload" || mode == "apart") {
     MeasureOverload(child, name, duration_s);
   } else if (mode == "slow") {
     MeasureSlow(child, name, duration_s);

@@ -7,8 +7,10 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <sched.h>
 
 #include "service/server/call_tracker.h"
+#include "service/server/give_way.h"
 #include "service/server/memory_budget.h"
 #include "service/wire/status.h"
 #include "tests/support/status_matchers.h"
@@ -166,10 +168,12 @@ TEST(WorkPoolTest, OneClientLeavesRoomForOthers) {
                              .status();
   EXPECT_THAT(refused, FailsWith(absl::StatusCode::kResourceExhausted, "its share"));
   EXPECT_TRUE(wire::RetryDelayOf(refused).has_value());
+  EXPECT_EQ(pool.CheckRoom("greedy"), refused);
+  EXPECT_OK(pool.CheckRoom("second"));
   EXPECT_EQ(fill("second"), 2);
   EXPECT_EQ(fill("third"), 1);
   EXPECT_EQ(pool.counts().waiting, 7);
-  EXPECT_EQ(pool.counts().refused, 4U);
+  EXPECT_EQ(pool.counts().refused, 5U);
   gate.Open();
 }
 
@@ -185,6 +189,54 @@ TEST(WorkPoolTest, AJobAloneGetsAllThreads) {
   ASSERT_OK(pool.Submit(0, [&](int threads) { second.set_value(threads); }).status());
   EXPECT_LE(second.get_future().get(), 2);
   gate.Open();
+}
+
+TEST(WorkPoolTest, WhatWaitsHasItsShareOfTheThreads) {
+  std::promise<int> shares[3];
+  std::latch all(3);
+  WorkPool pool(Limits(4, 10));
+  {
+    std::vector<Gate> gates(4);
+    for (Gate& gate : gates) {
+      ASSERT_OK(pool.Submit(0, gate.Job()).status());
+      gate.AwaitStart();
+    }
+    for (auto& share : shares) {
+      ASSERT_OK(pool.Submit(0,
+                            [&](int threads) {
+                              share.set_value(threads);
+                              all.arrive_and_wait();
+                            })
+                    .status());
+    }
+    gates[0].Open();  // one thread is free, three jobs wait
+    EXPECT_EQ(shares[0].get_future().get(), 1);
+    for (int i = 1; i < 4; ++i) {
+      gates[static_cast<size_t>(i)].Open();
+    }
+    all.wait();
+  }
+}
+
+TEST(WorkPoolTest, IsCrowdedAfterARefusal) {
+  Gate gate;
+  WorkPool pool(Limits(1, 2));
+  ASSERT_OK(pool.Submit(0, gate.Job()).status());
+  gate.AwaitStart();
+  EXPECT_FALSE(pool.IsCrowded());
+  ASSERT_OK(pool.Submit(0, [](int) {}).status());
+  EXPECT_FALSE(pool.IsCrowded());
+  EXPECT_FALSE(pool.CheckRoom("").ok());
+  EXPECT_TRUE(pool.IsCrowded());
+  gate.Open();
+}
+
+TEST(GiveWayTest, AThreadOfTheNetworkPreemptsNobodyWhileItIsCrowded) {
+  EXPECT_EQ(::sched_getscheduler(0), SCHED_OTHER);
+  GiveWay(true);
+  EXPECT_EQ(::sched_getscheduler(0), SCHED_BATCH);
+  GiveWay(false);
+  EXPECT_EQ(::sched_getscheduler(0), SCHED_OTHER);
 }
 
 TEST(WorkPoolTest, TheEndDropsWhatWaits) {
