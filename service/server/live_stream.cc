@@ -106,7 +106,7 @@ LiveStream::Actions LiveStream::Decide() {
     return actions;
   }
   if (!Stopping() && !reading_ && !reads_done_ && waiting_bytes_ < kMostWaitingBytes) {
-    reading_ = actions.read = true;
+    reading_ = starting_read_ = actions.read = true;
   }
   // Of a stream that stops, the last job closes the store.
   const bool complete = reads_done_ && waiting_.empty();
@@ -120,7 +120,7 @@ LiveStream::Actions LiveStream::Decide() {
     writing_ = actions.write = true;
   }
   const bool done = Stopping() || complete;
-  if (done && !working_ && !writing_ && (closed_ || !opened_)) {
+  if (done && !working_ && !writing_ && !starting_read_ && (closed_ || !opened_)) {
     finished_ = true;
     actions.finish = cancelled_ ? CancelledByClient() : end_;
   }
@@ -148,6 +148,11 @@ void LiveStream::Act() {
   }
   if (actions.read) {
     peer_.Read();
+    {
+      const std::lock_guard lock(mutex_);
+      starting_read_ = false;
+    }
+    Act();  // what waited for that
   }
 }
 

@@ -99,6 +99,7 @@ class LiveStream final : public StepListener, public std::enable_shared_from_thi
   bool counted_ = false;  // among services_.live_streams
   bool opened_ = false, closed_ = false;
   bool reading_ = false, reads_done_ = false, working_ = false, writing_ = false;
+  bool starting_read_ = false;  // peer_ is being asked: it must not hear of the end meanwhile
   bool has_response_ = false, cancelled_ = false, finished_ = false;
 };
 

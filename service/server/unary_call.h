@@ -34,14 +34,16 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
     auto admission = Admit(services, context, ask);
     if (admission.ok()) {
       call->admission_ = *std::move(admission);
+      call->caller_ = call->admission_.caller;
     } else {
       call->Complete(admission.status());
     }
     return call;
   }
 
-  /// Who calls. For the jobs of the call: they do not run if it was not let in.
-  [[nodiscard]] access::Caller& caller() const { return *admission_.caller; }
+  /// Who calls. For the jobs of the call, which may outlast it: they do not run if it was not let
+  /// in.
+  [[nodiscard]] access::Caller& caller() const { return *caller_; }
 
   /// On gRPC's thread. Whether the call is over, now if `pool` has no room: before anything is
   /// worked out for it.
@@ -137,8 +139,9 @@ class UnaryCall final : public grpc::ServerUnaryReactor,
 
  private:
   Services& services_;
-  std::shared_ptr<UnaryCall> self_;  // set before gRPC knows of it, reset when gRPC is done
-  Admission admission_;              // likewise, and read by the jobs between
+  std::shared_ptr<UnaryCall> self_;         // set before gRPC knows of it, reset when gRPC is done
+  Admission admission_;                     // likewise
+  std::shared_ptr<access::Caller> caller_;  // not changed after Start
 
   std::mutex mutex_;
   // All below: guarded by mutex_.

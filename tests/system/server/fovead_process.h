@@ -21,7 +21,9 @@ namespace fovea::testing {
 /// A fovead; killed, if it still runs, when this goes.
 class Fovead {
  public:
-  Fovead(std::vector<std::string> arguments, std::string log) : log_(std::move(log)) {
+  Fovead(std::vector<std::string> arguments, std::string log,
+         const std::string& program = FOVEA_BINARY_DIR "/bin/fovead")
+      : log_(std::move(log)) {
     int out[2];
     EXPECT_EQ(pipe2(out, O_CLOEXEC), 0);
     posix_spawn_file_actions_t actions;
@@ -29,7 +31,6 @@ class Fovead {
     posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
     posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, log_.c_str(),
                                      O_CREAT | O_WRONLY | O_TRUNC, 0600);
-    const std::string program = FOVEA_BINARY_DIR "/bin/fovead";
     arguments.insert(arguments.begin(), program);
     std::vector<char*> argv;
     for (std::string& argument : arguments) {

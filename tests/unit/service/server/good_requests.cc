@@ -6,6 +6,12 @@
 #include <google/protobuf/text_format.h>
 #include <gtest/gtest.h>
 
+#include "fovea/v1/coefficients.pb.h"
+#include "fovea/v1/datasets.pb.h"
+#include "fovea/v1/ingest.pb.h"
+#include "fovea/v1/jobs.pb.h"
+#include "fovea/v1/render.pb.h"
+
 namespace fovea::server {
 namespace {
 
@@ -58,12 +64,22 @@ std::string Expand(std::string text) {
   return text;
 }
 
+/// With every service linked, whatever else the program uses.
+const google::protobuf::DescriptorPool& Pool() {
+  for (const auto* type :
+       {v1::GetDatasetRequest::descriptor(), v1::RenderFrameRequest::descriptor(),
+        v1::StreamCoefficientsRequest::descriptor(), v1::IngestFilesRequest::descriptor(),
+        v1::GetJobRequest::descriptor()}) {
+    EXPECT_NE(type->file()->service_count(), 0);
+  }
+  return *google::protobuf::DescriptorPool::generated_pool();
+}
+
 GoodRequest Make(const std::string& method, const std::vector<std::string>& messages,
                  absl::StatusCode code = absl::StatusCode::kOk) {
   GoodRequest request;
   request.code = code;
-  request.method =
-      google::protobuf::DescriptorPool::generated_pool()->FindMethodByName("fovea.v1." + method);
+  request.method = Pool().FindMethodByName("fovea.v1." + method);
   EXPECT_NE(request.method, nullptr) << method;
   for (const std::string& text : messages) {
     std::shared_ptr<google::protobuf::Message> message(
@@ -131,11 +147,10 @@ std::vector<GoodRequest> GoodRequests() {
 
 std::vector<const google::protobuf::MethodDescriptor*> AllMethods() {
   std::vector<const google::protobuf::MethodDescriptor*> methods;
-  const auto* pool = google::protobuf::DescriptorPool::generated_pool();
   for (const auto& entry :
        std::filesystem::directory_iterator(FOVEA_SOURCE_DIR "/proto/fovea/v1")) {
     const std::string name = "fovea/v1/" + entry.path().filename().string();
-    const auto* file = pool->FindFileByName(name);
+    const auto* file = Pool().FindFileByName(name);
     EXPECT_NE(file, nullptr) << name << " is not linked";
     for (int i = 0; file != nullptr && i < file->service_count(); ++i) {
       for (int k = 0; k < file->service(i)->method_count(); ++k) {

@@ -61,6 +61,8 @@ class FakePeer final : public ReadingsPeer {
 
   /// Cancels instead of giving the message of this number.
   void set_cancel_at(size_t index) { cancel_at_ = index; }
+  /// Cancels on another thread while it is asked for the first message.
+  void set_cancel_in_read() { cancel_in_read_ = true; }
   void Start() { stream_->Start(absl::OkStatus(), caller_); }
   Status Wait() { return end_.get_future().get(); }
   [[nodiscard]] uint64_t acknowledged() const { return acknowledged_; }  // after Wait
@@ -68,6 +70,10 @@ class FakePeer final : public ReadingsPeer {
 
   void Read() override {
     EXPECT_FALSE(reading_.exchange(true)) << "two reads at a time";
+    if (cancel_in_read_) {
+      std::thread([this] { stream_->OnCancel(); }).join();
+      EXPECT_FALSE(ended_) << "gRPC may delete what is being called";
+    }
     network_.SubmitAdmitted(0, [this, stream = stream_](int) {
       reading_ = false;
       const size_t index = next_++;
@@ -92,6 +98,7 @@ class FakePeer final : public ReadingsPeer {
     });
   }
   void Finish(const Status& status) override {
+    ended_ = true;
     end_.set_value(status);  // throws if it comes twice
   }
 
@@ -99,10 +106,11 @@ class FakePeer final : public ReadingsPeer {
   WorkPool& network_;
   const std::vector<v1::StreamReadingsRequest> messages_;
   size_t cancel_at_ = ~size_t{0};
+  bool cancel_in_read_ = false;
   const std::shared_ptr<LiveStream> stream_;
   const std::shared_ptr<access::Caller> caller_;
   std::atomic<size_t> next_ = 0;
-  std::atomic<bool> reading_ = false, writing_ = false;
+  std::atomic<bool> reading_ = false, writing_ = false, ended_ = false;
   uint64_t acknowledged_ = 0;
   std::promise<Status> end_;
 };
@@ -148,6 +156,13 @@ class LiveStreamTest : public ::testing::Test {
   std::unique_ptr<Services> services_;
   std::unique_ptr<WorkPool> network_;
 };
+
+TEST_F(LiveStreamTest, DoesNotEndWhileItsClientIsAskedForAMessage) {
+  const auto peer = MakePeer({});
+  peer->set_cancel_in_read();
+  peer->Start();
+  EXPECT_TRUE(absl::IsCancelled(peer->Wait()));
+}
 
 TEST_F(LiveStreamTest, ManyStreamsAndClientsThatGo) {
   constexpr uint64_t kBatches = 5;

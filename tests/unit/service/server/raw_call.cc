@@ -11,7 +11,9 @@ namespace {
 class Driver {
  public:
   Driver(const std::shared_ptr<grpc::Channel>& channel, const RawCall& call) : stub_(channel) {
-    context_.set_deadline(std::chrono::system_clock::now() + call.deadline);
+    const auto now = std::chrono::system_clock::now();
+    cancel_at_ = now + call.cancel_after;
+    context_.set_deadline(now + call.deadline);
     stream_ = stub_.PrepareCall(&context_, call.method, &queue_);
     stream_->StartCall(&start_);
     Await(&start_);
@@ -39,7 +41,11 @@ class Driver {
     stream_->Read(&reply, &read_);
     return Await(&read_);
   }
-  void Cancel() { context_.TryCancel(); }
+  void Cancel() {
+    context_.TryCancel();
+    cancelled_ = true;
+  }
+  [[nodiscard]] bool cancelled() const { return cancelled_; }
   Status Finish() {
     grpc::Status status;
     stream_->Finish(&status, &finish_);
@@ -50,17 +56,27 @@ class Driver {
  private:
   /// Only one thing is under way at a time.
   bool Await(const char* tag) {
+    using NextStatus = grpc::CompletionQueue::NextStatus;
     void* done = nullptr;
     bool ok = false;
-    while (queue_.Next(&done, &ok) && done != tag) {
+    while (true) {
+      const NextStatus next = cancelled_
+                                  ? queue_.AsyncNext(&done, &ok, gpr_inf_future(GPR_CLOCK_REALTIME))
+                                  : queue_.AsyncNext(&done, &ok, cancel_at_);
+      if (next == NextStatus::TIMEOUT) {
+        Cancel();
+      } else if (next == NextStatus::SHUTDOWN || done == tag) {
+        return ok;
+      }
     }
-    return ok;
   }
 
   grpc::GenericStub stub_;
   grpc::ClientContext context_;
   grpc::CompletionQueue queue_;
   std::unique_ptr<grpc::GenericClientAsyncReaderWriter> stream_;
+  std::chrono::system_clock::time_point cancel_at_;
+  bool cancelled_ = false;
   char start_ = 0, write_ = 0, read_ = 0, finish_ = 0;
 };
 
@@ -70,21 +86,18 @@ RawReply Send(const std::shared_ptr<grpc::Channel>& channel, const RawCall& call
   Driver driver(channel, call);
   RawReply reply;
   bool open = true;
-  for (size_t i = 0; open && i < call.messages.size() && i < call.cancel_after; ++i) {
+  for (size_t i = 0; open && i < call.messages.size(); ++i) {
     open = driver.Write(call.messages[i]);
   }
-  if (call.cancel_after <= call.messages.size()) {
-    driver.Cancel();
-    reply.cancelled = true;
-  } else if (open) {
+  if (open && call.half_close) {
     driver.HalfClose();
   }
-  while (!reply.cancelled && driver.Read()) {
-    if (++reply.replies >= call.most_replies) {
+  while (driver.Read()) {
+    if (++reply.replies >= call.most_replies && !driver.cancelled()) {
       driver.Cancel();
-      reply.cancelled = true;
     }
   }
+  reply.cancelled = driver.cancelled();
   reply.status = driver.Finish();
   return reply;
 }

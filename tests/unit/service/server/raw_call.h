@@ -18,15 +18,17 @@ namespace fovea::server {
 struct RawCall {
   std::string method;                 // "/package.Service/Method"
   std::vector<std::string> messages;  // none: it begins with the client's end
-  size_t cancel_after = SIZE_MAX;     // messages
+  bool half_close = true;             // else the client never says that it is done
   size_t most_replies = 1;            // then it is cancelled
+  std::chrono::microseconds cancel_after =
+      std::chrono::hours(1);  // from its start on, wherever it is
   std::chrono::milliseconds deadline{20'000};
 };
 
 struct RawReply {
   Status status;           // CANCELLED if the caller cancelled it
   size_t replies = 0;      // messages that came
-  bool cancelled = false;  // by us: enough came, or the call says so
+  bool cancelled = false;  // by us: enough came, or it was time
 };
 
 /// Makes the call, of any kind of method, and waits for its end.
