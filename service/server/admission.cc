@@ -11,6 +11,7 @@ namespace fovea::server {
 namespace {
 
 constexpr char kAuthorizationKey[] = "authorization";
+/// What gRPC and we keep of a call besides its request.
 constexpr int64_t kCallBytes = int64_t{32} << 10;
 
 std::vector<std::string_view> AuthorizationOf(const grpc::CallbackServerContext& context) {
@@ -63,9 +64,14 @@ StatusOr<Admission> Admit(Services& services, const grpc::CallbackServerContext&
   } else if (!ask.while_draining) {
     return DrainingError();
   }
-  // As bytes and parsed, and what gRPC and we keep of a call.
+  int64_t bytes_in = 0, parsed_bytes = 0;
+  if (ask.request != nullptr) {
+    bytes_in = static_cast<int64_t>(ask.request->ByteSizeLong());
+    // Of many small messages many times as much.
+    parsed_bytes = static_cast<int64_t>(ask.request->SpaceUsedLong());
+  }
   FOVEA_ASSIGN_OR_RETURN(admission.memory,
-                         services.requests.Reserve(2 * ask.bytes_in + kCallBytes));
+                         services.requests.Reserve(bytes_in + parsed_bytes + kCallBytes));
   if (!ask.dataset.empty() && !caller.Sees(ask.dataset)) {
     return NoDataset(ask.dataset);
   }
@@ -76,8 +82,8 @@ StatusOr<Admission> Admit(Services& services, const grpc::CallbackServerContext&
         "this server changes no datasets; it must be started with --allow-ingest (then everyone "
         "may write), or with --tokens");
   }
-  if (ask.bytes_in > 0) {
-    FOVEA_RETURN_IF_ERROR(caller.TakeBytesIn(ask.bytes_in));
+  if (bytes_in > 0) {
+    FOVEA_RETURN_IF_ERROR(caller.TakeBytesIn(bytes_in));
   }
   if (ask.stream) {
     FOVEA_ASSIGN_OR_RETURN(admission.stream, access::Caller::OpenStream(admission.caller));

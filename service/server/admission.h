@@ -6,6 +6,8 @@
 #include <string>
 #include <utility>
 
+#include <google/protobuf/message.h>
+#include <google/protobuf/message.h>
 #include <grpcpp/server_context.h>
 
 #include "engine/base/status.h"
@@ -18,8 +20,8 @@ namespace fovea::server {
 /// What a call wants.
 struct Ask {
   access::Right right = access::Right::kRead;
-  std::string dataset{};        // that it is about; empty: none, or a request that will be refused
-  int64_t bytes_in = 0;         // of the request; 0: free, whatever the quota
+  std::string dataset{};  // that it is about; empty: none, or a request that will be refused
+  const google::protobuf::Message* request = nullptr;  // null: free, whatever the quota
   bool stream = false;          // whether it counts as one of the token's streams
   bool while_draining = false;  // whether running streams need it
 };

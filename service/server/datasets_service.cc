@@ -62,8 +62,8 @@ StatusOr<v1::Histogram> CountValues(Catalogue& catalogue, const wire::HistogramR
 grpc::ServerUnaryReactor* DatasetsService::ListDatasets(grpc::CallbackServerContext* context,
                                                         const v1::ListDatasetsRequest* request,
                                                         v1::ListDatasetsResponse* response) {
-  const auto call = UnaryCall<v1::ListDatasetsResponse>::Start(
-      services_, *context, {.bytes_in = static_cast<int64_t>(request->ByteSizeLong())}, response);
+  const auto call = UnaryCall<v1::ListDatasetsResponse>::Start(services_, *context,
+                                                               {.request = request}, response);
   auto parsed = wire::FromProto(*request);
   if (!parsed.ok()) {
     call->Complete(parsed.status());
@@ -80,9 +80,7 @@ grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContex
                                                       const v1::GetDatasetRequest* request,
                                                       v1::Dataset* response) {
   const auto call = UnaryCall<v1::Dataset>::Start(
-      services_, *context,
-      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
-      response);
+      services_, *context, {.dataset = request->dataset(), .request = request}, response);
   if (const Status named = wire::CheckDatasetName(request->dataset()); !named.ok()) {
     call->Complete(named);
     return call.get();

@@ -60,12 +60,10 @@ IngestService::StreamReadings(grpc::CallbackServerContext* context) {
 grpc::ServerUnaryReactor* IngestService::IngestFiles(grpc::CallbackServerContext* context,
                                                      const v1::IngestFilesRequest* request,
                                                      v1::Job* response) {
-  const auto call =
-      UnaryCall<v1::Job>::Start(services_, *context,
-                                {.right = access::Right::kWrite,
-                                 .dataset = request->dataset(),
-                                 .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
-                                response);
+  const auto call = UnaryCall<v1::Job>::Start(
+      services_, *context,
+      {.right = access::Right::kWrite, .dataset = request->dataset(), .request = request},
+      response);
   call->Enqueue(services_.lookups, 0, [call, &services = services_, request = *request](int) {
     call->Complete(NewIngest(services, call->caller(), request));
   });

@@ -13,9 +13,7 @@ JobWatch* JobWatch::Start(Services& services, const grpc::CallbackServerContext&
   auto call = std::make_shared<JobWatch>(services, request.id());
   call->self_ = call;
   JobWatch* reactor = call.get();
-  auto admission =
-      Admit(services, context,
-            {.bytes_in = static_cast<int64_t>(request.ByteSizeLong()), .stream = true});
+  auto admission = Admit(services, context, {.request = &request, .stream = true});
   if (!admission.ok()) {
     call->End(admission.status());
     return reactor;

@@ -22,7 +22,7 @@ namespace {
 template <typename Request, typename Response, typename Work>
 grpc::ServerUnaryReactor* Answer(Services& services, const grpc::CallbackServerContext& context,
                                  Ask ask, const Request& request, Response* response, Work work) {
-  ask.bytes_in = static_cast<int64_t>(request.ByteSizeLong());
+  ask.request = &request;
   const auto call = UnaryCall<Response>::Start(services, context, std::move(ask), response);
   call->Enqueue(services.lookups, 0, [call, &services, request, work = std::move(work)](int) {
     call->Complete(work(services, call->caller(), request));

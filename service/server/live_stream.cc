@@ -50,8 +50,8 @@ void LiveStream::OnMessage(v1::StreamReadingsRequest message) {
     const std::lock_guard lock(mutex_);
     reading_ = false;
     if (status.ok()) {
+      waiting_bytes_ += static_cast<int64_t>(message.SpaceUsedLong());
       waiting_.push_back(std::move(message));
-      waiting_bytes_ += bytes;
     }
   }
   Stop(status);

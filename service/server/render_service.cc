@@ -97,10 +97,8 @@ Status AcknowledgeStream(Services& services, const grpc::CallbackServerContext& 
 grpc::ServerUnaryReactor* RenderService::RenderFrame(grpc::CallbackServerContext* context,
                                                      const v1::RenderFrameRequest* request,
                                                      v1::Frame* response) {
-  const auto call = FrameCall::Start(
-      services_, *context,
-      {.dataset = request->dataset(), .bytes_in = static_cast<int64_t>(request->ByteSizeLong())},
-      response);
+  const auto call = FrameCall::Start(services_, *context,
+                                     {.dataset = request->dataset(), .request = request}, response);
   if (call->IsRefusedBy(services_.renders)) {
     return call.get();
   }

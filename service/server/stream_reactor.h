@@ -27,9 +27,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Message>, public Sin
                 const Request& request, Arguments... arguments)
       : stream_(std::make_shared<Stream>(services, *this, arguments...)) {
     auto admission = Admit(services, context,
-                           {.dataset = request.dataset(),
-                            .bytes_in = static_cast<int64_t>(request.ByteSizeLong()),
-                            .stream = true});
+                           {.dataset = request.dataset(), .request = &request, .stream = true});
     if (!admission.ok()) {
       stream_->Start(admission.status(), nullptr);
       return;

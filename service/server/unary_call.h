@@ -158,9 +158,7 @@ template <typename Request, typename Response, typename Look>
 grpc::ServerUnaryReactor* LookUp(Services& services, const grpc::CallbackServerContext& context,
                                  const Request& request, Response* response, Look look) {
   const auto call = UnaryCall<Response>::Start(
-      services, context,
-      {.dataset = request.dataset(), .bytes_in = static_cast<int64_t>(request.ByteSizeLong())},
-      response);
+      services, context, {.dataset = request.dataset(), .request = &request}, response);
   auto parsed = wire::FromProto(request);
   if (!parsed.ok()) {
     call->Complete(parsed.status());

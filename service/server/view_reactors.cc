@@ -48,9 +48,7 @@ class RefineReactor final : public FrameReactor<grpc::ServerWriteReactor<v1::Fra
                 const v1::RefineFrameRequest& request)
       : FrameReactor(services, "RefineFrame") {
     if (!Enter(services, context,
-               {.dataset = request.dataset(),
-                .bytes_in = static_cast<int64_t>(request.ByteSizeLong()),
-                .stream = true})) {
+               {.dataset = request.dataset(), .request = &request, .stream = true})) {
       return;
     }
     auto view = wire::FromProto(request);

@@ -36,6 +36,7 @@ void Replace(const v1::FrameSpec& change, v1::FrameSpec* spec) {
     spec->clear_rate();
   }
   spec->MergeFrom(change);
+  spec->DiscardUnknownFields();  // they would gather, request by request
 }
 
 bool IsAcknowledgementOnly(v1::ExploreRequest proto) {
@@ -87,6 +88,7 @@ StatusOr<ExploreRequests::Change> ExploreRequests::Add(const v1::ExploreRequest&
   if (proto.when_case() != v1::ExploreRequest::WHEN_NOT_SET) {
     when_ = proto;
     when_.clear_spec();
+    when_.DiscardUnknownFields();
   }
   if (proto.reset_spec()) {
     spec_.Clear();

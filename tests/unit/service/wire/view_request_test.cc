@@ -3,6 +3,7 @@
 #include <string>
 
 #include <gtest/gtest.h>
+#include <malloc.h>
 
 #include "tests/support/status_matchers.h"
 
@@ -101,6 +102,20 @@ TEST(ExploreRequestsTest, WrongOnesNameTheField) {
   request = First();
   request.mutable_spec()->set_rate(0);
   fails(request, "rate 0");
+}
+
+TEST(ExploreRequestsTest, KeepsNothingOfFieldsThatNobodyKnows) {
+  v1::ExploreRequest request;
+  request.set_dataset("plume");
+  auto* spec = request.mutable_spec();
+  spec->GetReflection()->MutableUnknownFields(spec)->AddLengthDelimited(
+      999, std::string(size_t{256} << 10, 'x'));
+  ExploreRequests requests;
+  const size_t before = mallinfo2().uordblks;
+  for (int i = 0; i < 40; ++i) {
+    ASSERT_OK(requests.Add(request).status());
+  }
+  EXPECT_LT(mallinfo2().uordblks, before + (size_t{1} << 20));
 }
 
 }  // namespace
