@@ -114,6 +114,15 @@ json ToJson(const Token& token) {
   return entry;
 }
 
+/// JSON holds nothing else.
+bool IsUtf8(const std::string& text) {
+  try {
+    return !json(text).dump().empty();
+  } catch (const json::exception&) {
+    return false;
+  }
+}
+
 std::string Reason(int error) {
   return std::generic_category().message(error);
 }
@@ -135,6 +144,9 @@ Status CheckToken(const Token& token) {
     return InvalidArgument(
         "'prefix' must be a dataset's name or a folder of datasets, without / at its ends; empty: "
         "all datasets");
+  }
+  if (!IsUtf8(token.prefix)) {
+    return InvalidArgument("'prefix' must be UTF-8");
   }
   if (token.quotas.streams < 0 || token.quotas.pixels_per_second > kMaxQuota ||
       token.quotas.bytes_in_per_second > kMaxQuota) {

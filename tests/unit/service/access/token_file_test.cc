@@ -90,6 +90,13 @@ TEST(TokenFileTest, IsWrittenWholeAndForItsOwnerAlone) {
   EXPECT_THAT(ReadTokenFile(path), FailsWith(absl::StatusCode::kInvalidArgument, path.c_str()));
 }
 
+TEST(TokenFileTest, APrefixThatIsNoTextIsRefused) {
+  Token token;
+  token.name = "a";
+  token.prefix = "lab/\xFF";
+  EXPECT_THAT(CheckToken(token), FailsWith(absl::StatusCode::kInvalidArgument, "'prefix'"));
+}
+
 TEST(TokenTest, TokensAreLongAndNeverTheSame) {
   ASSERT_OK_AND_ASSIGN(const std::string one, MakeToken());
   ASSERT_OK_AND_ASSIGN(const std::string two, MakeToken());
