@@ -239,9 +239,7 @@ Status ReadingBinner::CloseKey(int64_t key) {
   const auto step = open_.find(key);
   closed_keys_.insert(key);
   std::erase(key_order_, key);
-  const int64_t time_ns = std::max(last_time_ns_, Nanoseconds(step->second.first_s));
-  last_time_ns_ = time_ns;
-  return Close(step, time_ns);
+  return Close(step, Nanoseconds(step->second.first_s));
 }
 
 Status ReadingBinner::Close(std::map<int64_t, OpenStep>::iterator step, int64_t time_ns) {

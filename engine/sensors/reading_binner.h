@@ -82,7 +82,7 @@ struct ReadingCounts {
 };
 
 struct ClosedStep {
-  int64_t time_ns = 0;       // the window's start, or the earliest reading's; never decreasing
+  int64_t time_ns = 0;       // the window's start, or the earliest reading's: that may decrease
   int64_t frame_number = 0;  // the window, or the key
   MeasuredVoxels voxels;     // at least one
   bool held = false;         // the voxels are those of the step before: nothing was measured
@@ -147,7 +147,6 @@ class ReadingBinner {
   // By key.
   std::vector<int64_t> key_order_;  // open keys, by first reading
   std::set<int64_t> closed_keys_;
-  int64_t last_time_ns_ = std::numeric_limits<int64_t>::min();
 };
 
 }  // namespace fovea::sensors

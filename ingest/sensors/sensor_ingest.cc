@@ -20,6 +20,10 @@ namespace {
 using sensors::ClosedStep;
 using Progress = std::function<bool(const SensorProgress&)>;
 
+double Seconds(int64_t time_ns) {
+  return static_cast<double>(time_ns) / 1e9;
+}
+
 class SensorRun {
  public:
   SensorRun(const SensorOptions& options, const Progress& progress)
@@ -48,6 +52,7 @@ class SensorRun {
     report_.first_bad_line = state_.bad.first;
     report_.input_bytes = state_.bytes;
     if (store_ != nullptr) {
+      WarnOfMovedTimes();
       report_.fill_ms = store_->fill_ms();
       report_.write_ms = store_->write_ms();
     }
@@ -82,6 +87,9 @@ class SensorRun {
   Status CreateStore();
   void OrderFieldsAsRead();
   Status CommitStep(const ClosedStep& step);
+  [[nodiscard]] std::string TimeOrigin() const;
+  Status CheckGoesOn(const ClosedStep& step) const;
+  void WarnOfMovedTimes();
   void NoteDensity(const ClosedStep& step);
 
   const SensorOptions& options_;
@@ -287,10 +295,42 @@ void SensorRun::OrderFieldsAsRead() {
   }
 }
 
+std::string SensorRun::TimeOrigin() const {
+  std::string origin = "times count from 0 of the readings' time column, dates from 1970 UTC";
+  if (!store_->clock().empty()) {
+    origin += fmt::format("; '{}' says that time 0 is: {}", options_.output, store_->clock());
+  }
+  return origin;
+}
+
+/// What is added may not begin before the dataset ends: its times would all become that of the end.
+Status SensorRun::CheckGoesOn(const ClosedStep& step) const {
+  if (store_->last_time_ns().value_or(step.time_ns) <= step.time_ns) {
+    return absl::OkStatus();
+  }
+  return FailedPrecondition(
+      "--append: the readings begin at {} s, but the last step of '{}' is at {} s: steps go "
+      "forward "
+      "in time, and nothing was added ({}); give readings that go on from there, or make another "
+      "dataset",
+      Seconds(step.time_ns), options_.output, Seconds(*store_->last_time_ns()), TimeOrigin());
+}
+
+void SensorRun::WarnOfMovedTimes() {
+  const MovedTimes& moved = store_->moved();
+  if (moved.steps > 0) {
+    report_.warnings.push_back(fmt::format(
+        "{} begin{} earlier than the step before, and got its time, first {} s for {} s; {}",
+        moved.steps == 1 ? "1 step" : fmt::format("{} steps", moved.steps),
+        moved.steps == 1 ? "s" : "", Seconds(moved.to_ns), Seconds(moved.from_ns), TimeOrigin()));
+  }
+}
+
 Status SensorRun::CommitStep(const ClosedStep& step) {
   if (store_ == nullptr) {
     FOVEA_RETURN_IF_ERROR(CreateStore());
   } else if (report_.steps == 0) {
+    FOVEA_RETURN_IF_ERROR(CheckGoesOn(step));
     OrderFieldsAsRead();
   }
   FOVEA_RETURN_IF_ERROR(store_->Write(step, options_.fill));

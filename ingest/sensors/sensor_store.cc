@@ -157,6 +157,10 @@ Status SensorStore::Write(const sensors::ClosedStep& step, const sensors::FillRu
   fill_ms_ += watch.ElapsedMs();
   FOVEA_RETURN_IF_ERROR(WriteOne(kCoverageField, coverage));
   const int64_t time_ns = std::max(step.time_ns, last_time_ns_.value_or(step.time_ns));
+  if (time_ns != step.time_ns && moved_.steps++ == 0) {
+    moved_.from_ns = step.time_ns;
+    moved_.to_ns = time_ns;
+  }
   watch.RestartMs();
   const Status ended = writer_->EndStep(time_ns, step.frame_number);
   write_ms_ += watch.ElapsedMs();

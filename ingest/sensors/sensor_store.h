@@ -25,6 +25,12 @@ struct SensorStoreSpec {
   int64_t chunk_edge = 16;
 };
 
+/// Steps that lie at a later time than their readings, because the step before does.
+struct MovedTimes {
+  int64_t steps = 0;
+  int64_t from_ns = 0, to_ns = 0;  // of the first of them
+};
+
 /// The store that steps of readings are written to: fills their voxels and coverage. Holds the
 /// store's lock. Not thread-safe.
 class SensorStore {
@@ -48,8 +54,14 @@ class SensorStore {
   /// The first window behind the last step, if there is one.
   [[nodiscard]] std::optional<int64_t> NextWindow(double start_s, double window_s) const;
 
-  /// Writes a step behind the others; visible and safe with the next Publish. RESOURCE_EXHAUSTED
-  /// for a full disk, or voxels so scattered that they need a quarter of the machine's memory.
+  [[nodiscard]] const MovedTimes& moved() const { return moved_; }
+  /// What time 0 is, as far as the store says.
+  [[nodiscard]] const std::string& clock() const { return writer_->info().clock; }
+
+  /// Writes a step behind the others; visible and safe with the next Publish. Times of a store
+  /// never decrease: a step of an earlier time gets that of the step before, and is counted in
+  /// `moved`. RESOURCE_EXHAUSTED for a full disk, or voxels so scattered that they need a quarter
+  /// of the machine's memory.
   [[nodiscard]] Status Write(const sensors::ClosedStep& step, const sensors::FillRule& fill);
   /// Commits what was written. After an error the store is of no more use.
   [[nodiscard]] Status Publish();
@@ -68,6 +80,7 @@ class SensorStore {
   sensors::VoxelGrid grid_;
   std::vector<std::string> fields_;
   std::optional<int64_t> last_time_ns_, last_frame_;
+  MovedTimes moved_;
   double fill_ms_ = 0, write_ms_ = 0;
 };
 

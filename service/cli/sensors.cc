@@ -340,7 +340,9 @@ std::string LeftOut(const ingest::SensorReport& report) {
        {std::pair(c.duplicates, "replaced by later ones of the same place and time"),
         std::pair(c.not_finite, "NaN or infinite"),
         std::pair(c.out_of_range, "out of --value-range"), std::pair(c.outside, "outside the box"),
-        std::pair(c.late, "late"), std::pair(c.ahead, "too far ahead"),
+        std::pair(c.late,
+                  "late (their steps were closed; --watermark S holds steps open for S seconds)"),
+        std::pair(c.ahead, "too far ahead"),
         std::pair(c.pending, "of steps that were not complete"),
         std::pair(report.bad_lines, "bad lines")}) {
     if (count > 0) {
@@ -385,13 +387,27 @@ CLI::App* AddSensors(CLI::App* app, SensorsCommand* command) {
                    "The unit of the values, such as dBZ")
       ->type_name("U");
   verb->add_option("--clock", command->ingest.clock, "What time 0 is, in words")->type_name("TEXT");
-  verb->add_flag("--append", command->ingest.append, "Add steps to a dataset that is there");
+  CLI::Option* append =
+      verb->add_flag("--append", command->ingest.append, "Add steps to a dataset that is there");
   verb->add_option("--chunk", command->ingest.chunk_edge,
                    "Edge of a chunk: 8, 16 or 32 coefficients (default 16)")
       ->check(CLI::IsMember({8, 16, 32}))
-      ->type_name("C");
+      ->type_name("C")
+      ->excludes(append);
   AddOutputFlags(verb, &command->output);
   return verb;
+}
+
+/// What a dataset says once and for all.
+Status CheckAppended(const SensorOptions& ingest) {
+  for (const auto& [flag, text] :
+       {std::pair("--world-unit", &ingest.world_unit),
+        std::pair("--value-unit", &ingest.value_unit), std::pair("--clock", &ingest.clock)}) {
+    if (ingest.append && !text->empty()) {
+      return InvalidArgument("--append: the dataset keeps what it began with; leave out {}", flag);
+    }
+  }
+  return absl::OkStatus();
 }
 
 Status Check(SensorsCommand* command) {
@@ -407,6 +423,7 @@ Status Check(SensorsCommand* command) {
   if (ingest.append && !ingest.fields.empty()) {
     return InvalidArgument("--append: the dataset has its fields already; leave out --field");
   }
+  FOVEA_RETURN_IF_ERROR(CheckAppended(ingest));
   if (ingest.steps.window_s && !ingest.columns.step.empty()) {
     return InvalidArgument("--step-seconds and --step-key: steps go by one of them");
   }

@@ -215,6 +215,36 @@ TEST_F(SensorsTest, AppendedValuesGoToTheFieldsOfTheirNames) {
   }
 }
 
+TEST_F(SensorsTest, AppendedReadingsThatBeginEarlierAreRefusedAndAddNothing) {
+  SensorOptions options = Options("today.csv", "x,y,z,t,value\n1,1,1,100,3\n");
+  options.clock = "start of the run";
+  ASSERT_OK(Ingest(options).status());
+  SensorOptions more = Options("yesterday.csv", "x,y,z,t,value\n1,1,1,5,3\n");
+  more.output = options.output;
+  more.append = true;
+  more.box = {};
+  const StatusOr<SensorReport> refused = Ingest(more);
+  EXPECT_THAT(refused, FailsWith(absl::StatusCode::kFailedPrecondition,
+                                 "--append: the readings begin at 5 s, but the last step of"));
+  EXPECT_THAT(refused, FailsWith(absl::StatusCode::kFailedPrecondition, "start of the run"));
+  ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+  EXPECT_EQ(dataset->info().committed_steps, 1);
+}
+
+TEST_F(SensorsTest, AStepThatBeginsEarlierThanTheOneBeforeIsToldOf) {
+  SensorOptions options = Options(
+      "keys.csv", "x,y,z,t,value,k\n1,1,1,100,3,a\n1,1,1,90,3,b\n1,1,1,95,3,c\n1,1,1,200,3,d\n");
+  options.steps_by = StepsBy::kKey;
+  options.columns.step = "k";
+  options.columns.values = {"value"};
+  ASSERT_OK_AND_ASSIGN(const SensorReport report, Ingest(options));
+  EXPECT_THAT(report.warnings, ElementsAre(HasSubstr("2 steps begin earlier than the step before, "
+                                                     "and got its time, first 100 s for 90 s")));
+  ASSERT_OK_AND_ASSIGN(const auto dataset, store::Dataset::Open(options.output));
+  EXPECT_EQ(*dataset->TimeNs(2), 100'000'000'000);
+  EXPECT_EQ(*dataset->TimeNs(3), 200'000'000'000);
+}
+
 TEST_F(SensorsTest, EachFileIsAStepAndTheBoxIsChosen) {
   const std::vector<Row> rows = SomeRows(1000, 10);
   SensorOptions options = Options("scan0.f32", Records({rows.begin(), rows.begin() + 500}));
