@@ -144,11 +144,6 @@ Status Run::ChooseBasis() {
   if (!basis_.integer) {
     return absl::OkStatus();
   }
-  if (basis_.wavelet == Wavelet::kCdf97) {
-    return InvalidArgument(
-        "lossless: there is no reversible integer form of cdf97, only of haar "
-        "and cdf53");
-  }
   FOVEA_ASSIGN_OR_RETURN(const std::string needed, LosslessType(plan_.source_types));
   if (writer_ == nullptr) {
     stored_type_ = needed;
@@ -213,6 +208,8 @@ Status Run::Plan(bool from_voxels) {
   report_.origin = plan_.extent.lo;
   report_.fields = plan_.fields;
   report_.warnings = plan_.warnings;
+  report_.steps_held = plan_.held_steps;
+  report_.steps_skipped = plan_.skipped_steps;
   odd_ = OddValues(plan_.fields);
   return absl::OkStatus();
 }
@@ -249,7 +246,7 @@ Status Run::GoOnWithStore(bool from_voxels) {
   FOVEA_ASSIGN_OR_RETURN(auto writer, store::DatasetWriter::Append(options_.output));
   const store::DatasetInfo& there = writer->info();
   if (!(there.source == source_)) {
-    return IsThere(options_, ", made of other files, at other times or with another tolerance");
+    return IsThere(options_, SeriesDifference(options_, there, *source_, plan_));
   }
   if (options_.tolerance) {
     codings_ = there.fields;  // whose scales its first step chose
@@ -262,7 +259,7 @@ Status Run::GoOnWithStore(bool from_voxels) {
     return TakeUp(/*from_voxels=*/true);
   }
   if (!difference.empty()) {
-    return IsThere(options_, fmt::format(", and its {} is another", difference));
+    return IsThere(options_, MakingDifference(difference, there, NewInfo()));
   }
   report_.steps_before = std::min(there.committed_steps, std::ssize(plan_.steps));
   plan_.steps.erase(plan_.steps.begin(), plan_.steps.begin() + report_.steps_before);
@@ -467,6 +464,7 @@ StatusOr<IngestReport> Ingest(const IngestOptions& options, const ProgressCallba
 }
 
 StatusOr<PlannedSeries> PlanIngest(const IngestOptions& options, const ProgressCallback& progress) {
+  FOVEA_RETURN_IF_ERROR(CheckCoding(options));
   const Given nothing;
   return Run(options, nothing, progress).PlanOnly();
 }

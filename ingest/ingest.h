@@ -93,13 +93,15 @@ struct IngestOptions {
 struct IngestReport {
   int64_t steps = 0;         // committed by this call
   int64_t steps_before = 0;  // of the same series, committed by earlier ones
+  /// OnMissing: of the series, in which the step before stands in for a file or grid; left out.
+  int64_t steps_held = 0, steps_skipped = 0;
   Int3 dims;
   Int3 origin;
   std::vector<std::string> fields;
   std::vector<std::string> warnings;  // what was decided for the user, one line each
   uint64_t input_bytes = 0;
-  uint64_t nonfinite_values = 0;  // NaN and infinity, made background
-  std::vector<double> max_errors;     // of quantised fields, in the order of `fields`; data units
+  uint64_t nonfinite_values = 0;   // NaN and infinity, made background
+  std::vector<double> max_errors;  // of quantised fields, in the order of `fields`; data units
   double read_ms = 0, transform_ms = 0, write_ms = 0;
 };
 

@@ -120,10 +120,10 @@ Status ChooseScales(const CoefficientSet& set, const FieldStats& stats, const To
   const double float_error = kFloatUlps * magnitude * std::numeric_limits<float>::epsilon();
   if (bound < 4 * float_error) {
     return InvalidArgument(
-        "field '{}': a tolerance of {:.3g} is too near to what float32 itself is off by: give "
+        "--tolerance: {:.3g} is too near to what float32 itself is off by in field '{}': give "
         "{:.3g} "
         "or more, or none",
-        field->name, bound, 4 * float_error);
+        bound, field->name, 4 * float_error);
   }
   std::vector<double> gains;
   for (int level = 0; level < set.hierarchy.finest(); ++level) {
@@ -138,9 +138,9 @@ Status ChooseScales(const CoefficientSet& set, const FieldStats& stats, const To
   }
   const double numbers = *std::max_element(largest.begin(), largest.end()) / field->scales.front();
   return InvalidArgument(
-      "field '{}': a tolerance of {:.3g} needs larger numbers than a store holds: give {:.3g} or "
+      "--tolerance: {:.3g} needs larger numbers in field '{}' than a store holds: give {:.3g} or "
       "more, or none",
-      field->name, bound, bound * 1.01 * kRoom * numbers / store::MostOfType("int32"));
+      bound, field->name, bound * 1.01 * kRoom * numbers / store::MostOfType("int32"));
 }
 
 Status Quantise(const store::FieldInfo& field, CoefficientSet* set, int threads) {
@@ -164,9 +164,10 @@ Status Quantise(const store::FieldInfo& field, CoefficientSet* set, int threads)
     for (const Status& result : results) {
       FOVEA_RETURN_IF_ERROR(Annotate(
           result,
-          fmt::format("field '{}' is quantised for coefficients up to {} times those of its "
-                      "first step; ingest it again, with a larger tolerance or none",
-                      field.name, kRoom)));
+          fmt::format(
+              "--tolerance: field '{}' is quantised for coefficients up to {} times those of its "
+              "first step; ingest it again, with a larger tolerance or none",
+              field.name, kRoom)));
     }
   }
   return absl::OkStatus();

@@ -26,6 +26,15 @@ bool IsNear(const Vec3& a, const Vec3& b) {
 
 }  // namespace
 
+Matrix4 Moved(const Matrix4& a, const Vec3& offset) {
+  Matrix4 result = a;
+  const Vec3 origin = a.TransformPoint(offset);
+  result.m[3] = origin.x;
+  result.m[7] = origin.y;
+  result.m[11] = origin.z;
+  return result;
+}
+
 std::string Difference(const Matrix4& a, const Matrix4& b) {
   double scale = 0;
   double reach = 0;

@@ -19,6 +19,9 @@ namespace fovea::ingest {
 [[nodiscard]] Box3 BoxOnLattice(const Box3& box, const Matrix4& index_to_world,
                                 const Matrix4& lattice);
 
+/// a * translate(offset).
+[[nodiscard]] Matrix4 Moved(const Matrix4& a, const Vec3& offset);
+
 }  // namespace fovea::ingest
 
 #endif  // INGEST_REGISTRATION_H_

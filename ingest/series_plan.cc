@@ -7,6 +7,7 @@
 
 #include <absl/strings/str_join.h>
 
+#include "ingest/missing_files.h"
 #include "ingest/registration.h"
 #include "ingest/step_times.h"
 
@@ -21,16 +22,6 @@ std::string Show(const Vec3& v) {
 std::string Show(const Box3& box) {
   return fmt::format("({}, {}, {}) to ({}, {}, {})", box.lo.x, box.lo.y, box.lo.z, box.hi.x - 1,
                      box.hi.y - 1, box.hi.z - 1);
-}
-
-/// a * translate(offset).
-Matrix4 Moved(const Matrix4& a, const Vec3& offset) {
-  Matrix4 result = a;
-  const Vec3 origin = a.TransformPoint(offset);
-  result.m[3] = origin.x;
-  result.m[7] = origin.y;
-  result.m[11] = origin.z;
-  return result;
 }
 
 /// A grid in the first file where it has voxels: only there does its transform mean anything.
@@ -87,6 +78,7 @@ class Planner {
     FOVEA_RETURN_IF_ERROR(FindExtent());
     FOVEA_RETURN_IF_ERROR(Place());
     FOVEA_RETURN_IF_ERROR(MakeSteps());
+    NoteMissingFiles(options_.on_missing, files_, &plan_);
     FOVEA_RETURN_IF_ERROR(SetStepTimes(options_, files_, existing_, &plan_));
     for (const ChosenGrid& chosen : choice_.grids) {
       plan_.fields.push_back(chosen.field);
@@ -446,6 +438,7 @@ Status Planner::MakeStep(size_t file_set, int64_t step_in_file) {
   PlannedStep step;
   step.frame_number = file.info.steps == 1 ? file.file.frame_number : std::nullopt;
   std::vector<bool> is_empty;
+  bool is_held = file.file.held;
   for (size_t i = 0; i < choice_.grids.size(); ++i) {
     const std::string& name = choice_.grids[i].grid;
     const GridInfo* grid = FindGrid(file, name);
@@ -457,6 +450,7 @@ Status Planner::MakeStep(size_t file_set, int64_t step_in_file) {
     if (grid != nullptr) {
       step.sources.push_back({file.file.path, grid->name, step_in_file, file_set});
     } else if (options_.on_missing == OnMissing::kSkip) {
+      ++plan_.skipped_steps;
       plan_.warnings.push_back(
           fmt::format("'{}' is left out: it has no grid '{}'", file.file.path, Printable(name)));
       return absl::OkStatus();
@@ -465,6 +459,7 @@ Status Planner::MakeStep(size_t file_set, int64_t step_in_file) {
           fmt::format("'{}' has no grid '{}': that of the step before stands in", file.file.path,
                       Printable(name)));
       step.sources.push_back(plan_.steps.back().sources[i]);
+      is_held = true;
     } else {
       return NotFound(
           "{}: there is no grid '{}'{} (choose grids with --grid, or leave the step out with "
@@ -476,6 +471,7 @@ Status Planner::MakeStep(size_t file_set, int64_t step_in_file) {
   for (size_t i = 0; i < is_empty.size(); ++i) {
     empty_steps_[i] += is_empty[i] ? 1 : 0;
   }
+  plan_.held_steps += is_held ? 1 : 0;
   plan_.steps.push_back(std::move(step));
   return absl::OkStatus();
 }

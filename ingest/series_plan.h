@@ -44,6 +44,8 @@ struct SeriesPlan {
   std::optional<Matrix4> lattice;
   std::string world_unit;
   std::vector<PlannedStep> steps;
+  int64_t held_steps = 0;      // of `steps`: the one before stands in for a file or a grid
+  int64_t skipped_steps = 0;   // left out, since a file or a grid is missing
   int64_t declared_bytes = 0;  // the most that one grid needs in memory
   std::vector<std::string> warnings;
 };

@@ -172,7 +172,13 @@ StatusOr<bool> Watcher::CrossGap(int64_t number, int64_t stride, std::vector<Seq
         "on without it; --gap-seconds waits longer)",
         missing, input_, watch_.gap_seconds, arrivals_->finished().at(number));
   }
-  if (options_.on_missing == OnMissing::kHold && last_file_) {
+  const int64_t steps = (number - missing - 1) / stride + 1;
+  const bool held_over = options_.on_missing == OnMissing::kHold && last_file_;
+  (held_over ? report_.steps_held : report_.steps_skipped) += steps;
+  report_.warnings.push_back(fmt::format("there are no files of numbers {} to {}: {}", missing,
+                                         missing + (steps - 1) * stride,
+                                         held_over ? "the step before stands in" : "left out"));
+  if (held_over) {
     for (int64_t held = missing; held < number; held += stride) {
       ready->push_back(*last_file_);
       ready->back().frame_number = held;
@@ -227,6 +233,8 @@ Status Watcher::Take(std::vector<SequenceFile> files) {
   }
   FOVEA_RETURN_IF_ERROR(some.status());
   report_.steps = before + some->steps;
+  report_.steps_held += some->steps_held;
+  report_.steps_skipped += some->steps_skipped;
   report_.dims = some->dims;
   report_.origin = some->origin;
   report_.fields = some->fields;

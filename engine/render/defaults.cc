@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -126,16 +127,35 @@ double Rounded(double value, double range) {
   return std::strtod(text.c_str(), nullptr);
 }
 
+/// Where a sample of LLL_0 stands: the middle of what its super-voxel covers of the volume; of CDF
+/// wavelets the first voxel of that.
+Vec3 MiddleOfCell(const Hierarchy& hierarchy, Wavelet wavelet, const Int3& cell) {
+  Vec3 at;
+  const auto width = static_cast<double>(hierarchy.WidthAt(0));
+  for (int axis = 0; axis < 3; ++axis) {
+    const double first = static_cast<double>(cell[axis]) * width;
+    const double end = std::min(first + width, static_cast<double>(hierarchy.dims()[axis]));
+    at[axis] = wavelet == Wavelet::kHaar ? 0.5 * (first + end) : std::min(first + 0.5, end);
+  }
+  return at;
+}
+
 }  // namespace
 
-StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats) {
+StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats,
+                            const std::function<bool(const Vec3&)>& accepts) {
   const Hierarchy& hierarchy = source.hierarchy();
   const Int3 dims = hierarchy.DimsAt(0);
   Grid coarse(Box3::OfSize(dims));
   FOVEA_RETURN_IF_ERROR(source.ReadCoarse(coarse.values));
   const double background = BackgroundOf(stats);
+  const auto middle = [&](const Int3& cell) {
+    return MiddleOfCell(hierarchy, source.basis().wavelet, cell);
+  };
   double best = -1;
+  double best_accepted = -1;
   Int3 densest;
+  std::optional<Int3> accepted;
   for (int64_t z = 0; z < dims.z; ++z) {
     for (int64_t y = 0; y < dims.y; ++y) {
       for (int64_t x = 0; x < dims.x; ++x) {
@@ -154,18 +174,14 @@ StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats) 
           best = sum;
           densest = {x, y, z};
         }
+        if (sum > best_accepted && accepts(middle({x, y, z}))) {
+          best_accepted = sum;
+          accepted = {x, y, z};
+        }
       }
     }
   }
-  Vec3 fovea;
-  const auto width = static_cast<double>(hierarchy.WidthAt(0));
-  // Low-pass samples of CDF wavelets stand at the first voxel of their cells.
-  const double centre = source.basis().wavelet == Wavelet::kHaar ? 0.5 * width : 0.5;
-  for (int axis = 0; axis < 3; ++axis) {
-    fovea[axis] = std::min(static_cast<double>(densest[axis]) * width + centre,
-                           static_cast<double>(hierarchy.dims()[axis]));
-  }
-  return fovea;
+  return middle(accepted ? *accepted : densest);
 }
 
 double DefaultRate(const Hierarchy& hierarchy) {

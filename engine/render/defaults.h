@@ -1,6 +1,7 @@
 #ifndef ENGINE_RENDER_DEFAULTS_H_
 #define ENGINE_RENDER_DEFAULTS_H_
 
+#include <functional>
 #include <span>
 
 #include "engine/base/status.h"
@@ -12,8 +13,11 @@
 namespace fovea::render {
 
 /// The middle of the densest region of a step, in voxels: the super-voxel of LLL_0, smoothed over
-/// its neighbours, that is farthest from the background (the histogram's fullest bin).
-[[nodiscard]] StatusOr<Vec3> DefaultFovea(CoefficientSource& source, const FieldStats& stats);
+/// its neighbours, that is farthest from the background (the histogram's fullest bin); of those
+/// whose middle `accepts` takes, if it takes any. The middle is that of what lies in the volume.
+[[nodiscard]] StatusOr<Vec3> DefaultFovea(
+    CoefficientSource& source, const FieldStats& stats,
+    const std::function<bool(const Vec3&)>& accepts = [](const Vec3&) { return true; });
 
 /// 40, or everything where the volume is no larger than that.
 [[nodiscard]] double DefaultRate(const Hierarchy& hierarchy);

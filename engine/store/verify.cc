@@ -54,7 +54,7 @@ class Verifier final : public SurveyVisitor {
   const DatasetInfo info_;
   Survey survey_;
   NewestRetention retention_;  // a retain may have been stopped between a shard and its table
-  int64_t last_series_ = -1;  // the last step whose rows were looked at
+  int64_t last_series_ = -1;   // the last step whose rows were looked at
   int64_t last_time_ns_ = std::numeric_limits<int64_t>::min();
   size_t more_problems_ = 0;
   VerifyReport report_;
@@ -78,6 +78,11 @@ void Verifier::Note(const Status& status, const std::string& where) {
 VerifyReport Verifier::Finish() {
   if (more_problems_ > 0) {
     report_.problems.push_back(fmt::format("and {} more", more_problems_));
+  }
+  for (const FieldInfo& field : info_.fields) {
+    if (!field.lost_steps.empty()) {
+      report_.lost_steps[field.name] = field.lost_steps;
+    }
   }
   return std::move(report_);
 }

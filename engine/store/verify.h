@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,9 @@ struct VerifyReport {
   uint64_t bytes = 0;
   /// One line for each thing that is wrong: array, step, chunk, and what about it.
   std::vector<std::string> problems;
+  /// By field: the steps that a repair marked as lost, where there are any. No problem, but nothing
+  /// is left of them.
+  std::map<std::string, std::vector<int64_t>> lost_steps;
 };
 
 /// Reads every chunk of every committed step and checks every checksum, length and metadata file.

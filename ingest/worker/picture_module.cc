@@ -24,6 +24,8 @@ std::string Encode(const std::string& format, int width, int height, const float
   OIIO::ImageSpec spec(width, height, 4,
                        format == "exr" ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT);
   spec.attribute("compression", "zip");
+  // Otherwise OpenImageIO writes the time, and the same picture is never the same file again.
+  spec.attribute("DateTime", "1970:01:01 00:00:00");
   const bool done = output->set_ioproxy(&memory) && output->open(name, spec) &&
                     output->write_image(OIIO::TypeDesc::FLOAT, rgba) && output->close();
   const std::string reason = output->geterror();

@@ -135,6 +135,33 @@ std::string WithFlag(const Status& error) {
   return std::string(message);
 }
 
+std::string CountOf(int64_t count, std::string_view unit) {
+  return fmt::format("{} {}{}", count, unit, count == 1 ? "" : "s");
+}
+
+std::string DescribeLost(const std::string& field, const std::vector<int64_t>& steps) {
+  constexpr size_t kMostRuns = 20;
+  std::string list;
+  size_t runs = 0;
+  for (size_t first = 0, end = 0; first < steps.size(); first = end) {
+    end = first + 1;
+    while (end < steps.size() && steps[end] == steps[end - 1] + 1) {
+      ++end;
+    }
+    if (runs++ == kMostRuns) {
+      list += fmt::format(" and {} more", steps.size() - first);
+      break;
+    }
+    list += (list.empty() ? "" : ", ") + fmt::format("{}", steps[first]);
+    if (end - first > 1) {
+      list += fmt::format(" to {}", steps[end - 1]);
+    }
+  }
+  return fmt::format(
+      "step{} {} of field '{}', of which a repair could save nothing: empty pictures",
+      steps.size() == 1 ? "" : "s", list, field);
+}
+
 std::string HumanBytes(uint64_t bytes) {
   constexpr std::array<const char*, 5> kUnits = {"B", "KiB", "MiB", "GiB", "TiB"};
   auto amount = static_cast<double>(bytes);

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -36,6 +37,10 @@ void PrintError(std::string_view message);
 /// the proto, the flag for that field comes in front: "--rate: rate 0 is ...".
 [[nodiscard]] std::string WithFlag(const Status& error);
 
+/// "1 step", "2 steps".
+[[nodiscard]] std::string CountOf(int64_t count, std::string_view unit);
+/// Of a field whose steps a repair could not save: "steps 3, 7 to 9 of field 'density', ...".
+[[nodiscard]] std::string DescribeLost(const std::string& field, const std::vector<int64_t>& steps);
 /// 1536 -> "1.5 KiB".
 [[nodiscard]] std::string HumanBytes(uint64_t bytes);
 /// 75.3 -> "1 min 15 s".

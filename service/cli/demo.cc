@@ -56,8 +56,8 @@ Status WriteStore(const DemoCommand& command, const std::string& path) {
     FOVEA_RETURN_IF_ERROR(writer->Commit(static_cast<int64_t>(time_ns), step));
     progress.Update(step + 1, command.steps);
     if (Interrupted()) {
-      return Cancelled("stopped after {} of {} steps; they stay in {}", step + 1, command.steps,
-                       path);
+      return Cancelled("stopped after {} of {}; they stay in {}", step + 1,
+                       CountOf(command.steps, "step"), path);
     }
   }
   return absl::OkStatus();

@@ -30,11 +30,10 @@ StatusOr<Box3> BoxOf(const ExtractCommand& command, const Int3& dims) {
   return command.box.value_or(whole);
 }
 
-/// The retained set that --fovea, --rate and --window ask for; nothing if none was given.
-StatusOr<std::optional<RetainedSet>> RetainedOf(const ExtractCommand& command,
-                                                store::Dataset& dataset) {
+/// What --fovea, --rate and --window ask for, the rest of it chosen; nothing if none was given.
+StatusOr<std::optional<Fovea>> FoveaOf(const ExtractCommand& command, store::Dataset& dataset) {
   if (!command.fovea && !command.rate && !command.window) {
-    return std::optional<RetainedSet>();
+    return std::optional<Fovea>();
   }
   frames::FrameSpec spec;
   spec.field = command.field;
@@ -43,9 +42,7 @@ StatusOr<std::optional<RetainedSet>> RetainedOf(const ExtractCommand& command,
   spec.window = command.window;
   FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, frames::DefaultSpec(dataset));
   FOVEA_ASSIGN_OR_RETURN(spec, frames::ResolveSpec(dataset, spec, defaults));
-  FOVEA_ASSIGN_OR_RETURN(RetainedSet retained,
-                         RetainedSet::Make(dataset.info().hierarchy, frames::FoveaOf(spec)));
-  return std::optional<RetainedSet>(std::move(retained));
+  return std::optional<Fovea>(frames::FoveaOf(spec));
 }
 
 Status WriteVoxels(const ExtractCommand& command, CoefficientSource& source, const Box3& box,
@@ -87,7 +84,11 @@ Status Run(const ExtractCommand& command) {
       const auto source,
       dataset->OpenStep(command.step, field,
                         command.strict ? store::OnDamage::kFail : store::OnDamage::kCount));
-  FOVEA_ASSIGN_OR_RETURN(const std::optional<RetainedSet> retained, RetainedOf(command, *dataset));
+  FOVEA_ASSIGN_OR_RETURN(const std::optional<Fovea> fovea, FoveaOf(command, *dataset));
+  std::optional<RetainedSet> retained;
+  if (fovea) {
+    FOVEA_ASSIGN_OR_RETURN(retained, RetainedSet::Make(info.hierarchy, *fovea));
+  }
   FOVEA_RETURN_IF_ERROR(WriteVoxels(command, *source, box, retained));
 
   const Int3 size = box.Size();
@@ -99,21 +100,31 @@ Status Run(const ExtractCommand& command) {
                     read.chunks_damaged, field, command.step));
   }
   if (command.output.json) {
-    PrintJson(nlohmann::json({{"output", command.file},
-                              {"dataset", command.dataset},
-                              {"step", command.step},
-                              {"field", field},
-                              {"type", "float32"},
-                              {"box", {box.lo.x, box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z}},
-                              {"chunks_read", read.chunks_read},
-                              {"chunks_total", read.chunks_total},
-                              {"chunks_damaged", read.chunks_damaged},
-                              {"bytes_read", read.bytes_read}}));
+    nlohmann::json report = {{"output", command.file},
+                             {"dataset", command.dataset},
+                             {"step", command.step},
+                             {"field", field},
+                             {"type", "float32"},
+                             {"box", {box.lo.x, box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z}},
+                             {"chunks_read", read.chunks_read},
+                             {"chunks_total", read.chunks_total},
+                             {"chunks_damaged", read.chunks_damaged},
+                             {"bytes_read", read.bytes_read}};
+    if (fovea) {
+      report["fovea"] = {fovea->at.x, fovea->at.y, fovea->at.z};
+      report["rate"] = {fovea->rate.x, fovea->rate.y, fovea->rate.z};
+    }
+    PrintJson(report);
     return absl::OkStatus();
   }
   PrintLine(fmt::format("{}: {} x {} x {} float32 of {} at step {}{}; {} read", command.file,
-                        size.x, size.y, size.z, field, command.step, retained ? ", foveated" : "",
+                        size.x, size.y, size.z, field, command.step, fovea ? ", foveated" : "",
                         HumanBytes(read.bytes_read)));
+  if (fovea) {
+    PrintLine(fmt::format("pinned by: --fovea {} --rate {} --window {}",
+                          FormatPosition({fovea->at}), FormatRate(fovea->rate),
+                          WindowName(fovea->window)));
+  }
   return absl::OkStatus();
 }
 

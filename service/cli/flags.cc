@@ -1,16 +1,17 @@
 #include "service/cli/flags.h"
 
+#include <cmath>
 #include <utility>
 
 #include <CLI/CLI.hpp>
 
 #include "ingest/quantise.h"
+#include "service/cli/foreign_flags.h"
 
 namespace fovea::cli {
 namespace {
 
 constexpr const char* kPictureGroup = "Picture (chosen from the dataset, and printed, if absent)";
-constexpr const char* kForeignGroup = "Foreign files";
 constexpr const char* kServerGroup = "Of --server";
 
 /// A flag whose text `parse` turns into a value for `use`; its errors name the flag.
@@ -161,6 +162,16 @@ StatusOr<ingest::OnMissing> ParseOnMissing(const std::string& text) {
   return InvalidArgument("'{}' is not error, skip or hold", text);
 }
 
+StatusOr<Vec3> ParseSpacing(const std::string& text) {
+  FOVEA_ASSIGN_OR_RETURN(const Vec3 spacing, ParseVector(text));
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(spacing[axis] > 0) || !std::isfinite(spacing[axis])) {
+      return InvalidArgument("'{}': voxel sizes must be above 0", text);
+    }
+  }
+  return spacing;
+}
+
 StatusOr<ingest::Registration> ParseRegistration(const std::string& text) {
   if (text == "index") {
     return ingest::Registration::kIndex;
@@ -294,10 +305,8 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
       ->allow_extra_args(false)
       ->type_name("NAME")
       ->group(kForeignGroup);
-  AddParsed(
-      app, "--spacing", "X,Y,Z", ParsePosition,
-      [ingest](const frames::Position& spacing) { ingest->spacing = spacing.at; },
-      "All but VDB: size of a voxel in the world (default: as the file says, else 1,1,1)")
+  AddParsed(app, "--spacing", "X,Y,Z", ParseSpacing, Into(&ingest->spacing),
+            "All but VDB: size of a voxel in the world (default: as the file says, else 1,1,1)")
       ->group(kForeignGroup);
   app->add_option("--channel", ingest->channel,
                   "Of several values a voxel: which one, by number (from 0) or name; pictures: "
@@ -452,6 +461,7 @@ void AddPictureInput(CLI::App* app, PictureInput* input) {
                   "~/.cache)")
       ->type_name("DIR")
       ->group(kForeignGroup);
+  app->parse_complete_callback([app, input] { RefuseForeignFlags(*app, input->inputs); });
 }
 
 }  // namespace fovea::cli

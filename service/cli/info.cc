@@ -35,6 +35,9 @@ json ToJson(const client::DatasetSummary& summary) {
                       {"minimum", field.minimum},
                       {"maximum", field.maximum},
                       {"value_unit", field.value_unit}});
+    if (!field.lost_steps.empty()) {
+      fields.back()["lost_steps"] = field.lost_steps;
+    }
     if (!field.scales.empty()) {
       fields.back().update({{"scales", field.scales},
                             {"tolerance", field.tolerance},
@@ -53,6 +56,9 @@ json ToJson(const client::DatasetSummary& summary) {
                 {"world_unit", info.world_unit},
                 {"first_time_ns", summary.first_time_ns},
                 {"last_time_ns", summary.last_time_ns}};
+  if (!info.clock.empty()) {
+    value["clock"] = info.clock;
+  }
   if (!info.retention.empty()) {
     value["retention"] = json::array();
     for (const store::RetainedWindow& window : info.retention) {
@@ -83,10 +89,14 @@ std::string DescribeSource(const store::DatasetInfo& info) {
       source.parts > 1
           ? fmt::format("part {} of {} (from 0), steps {} to {} of {}", source.part, source.parts,
                         source.FirstStep(), source.LastStep() - 1, source.steps)
-          : fmt::format("a series of {} steps", source.steps);
-  return part + (store::IsComplete(info)
-                     ? ", complete"
-                     : ", not complete: give the same `fovea ingest` command again to go on");
+          : "a series of " + CountOf(source.steps, "step");
+  if (store::IsComplete(info)) {
+    return part + ", complete";
+  }
+  // A merge commits all of its steps at once.
+  const bool may_be_merge = source.parts == 1 && info.committed_steps == 0;
+  return part + fmt::format(", not complete: give the same `fovea ingest`{} command again to go on",
+                            may_be_merge ? " or `fovea merge`" : "");
 }
 
 void Print(const client::DatasetSummary& summary) {
@@ -98,9 +108,10 @@ void Print(const client::DatasetSummary& summary) {
                         dims.y, dims.z, spacing.x, spacing.y, spacing.z,
                         info.world_unit.empty() ? "" : " ", info.world_unit));
   PrintLine(fmt::format("  wavelet   {}, {} levels", info.wavelet, info.hierarchy.finest() + 1));
-  PrintLine(fmt::format("  steps     {}, {:.6g} to {:.6g} s", info.committed_steps,
+  PrintLine(fmt::format("  steps     {}, {:.6g} to {:.6g} s{}", info.committed_steps,
                         static_cast<double>(summary.first_time_ns) / 1e9,
-                        static_cast<double>(summary.last_time_ns) / 1e9));
+                        static_cast<double>(summary.last_time_ns) / 1e9,
+                        info.clock.empty() ? "" : fmt::format(" (0 is: {})", info.clock)));
   if (info.source) {
     PrintLine("  source    " + DescribeSource(info));
   }
@@ -117,6 +128,11 @@ void Print(const client::DatasetSummary& summary) {
     PrintLine(fmt::format("  field     {}: {:.6g} to {:.6g}{}{}, {}{}{}", field.name, field.minimum,
                           field.maximum, field.value_unit.empty() ? "" : " ", field.value_unit,
                           field.type, error, field.name == info.default_field ? " (default)" : ""));
+  }
+  for (const store::FieldInfo& field : info.fields) {
+    if (!field.lost_steps.empty()) {
+      PrintLine("  lost      " + DescribeLost(field.name, field.lost_steps));
+    }
   }
   if (summary.default_spec.field) {
     PrintLine(fmt::format("  pictures  {}", PinningFlags(summary.default_spec, dims)));

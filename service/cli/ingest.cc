@@ -1,7 +1,6 @@
 #include "ingest/ingest.h"
 
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <utility>
 #include <variant>
@@ -13,6 +12,7 @@
 #include "ingest/watch.h"
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/dataset_output.h"
 
 namespace fovea::cli {
 namespace {
@@ -28,14 +28,17 @@ double RoundedUp(double value) {
 
 void PrintReport(const IngestCommand& command, const ingest::IngestReport& report, double seconds) {
   if (!command.output.json && report.steps_before > 0) {
-    PrintLine(
-        fmt::format("{}: {} steps were there already", command.ingest.output, report.steps_before));
+    PrintLine(fmt::format("{}: {} {} there already", command.ingest.output,
+                          CountOf(report.steps_before, "step"),
+                          report.steps_before == 1 ? "was" : "were"));
   }
   const double mib = static_cast<double>(report.input_bytes) / (1 << 20);
   if (command.output.json) {
     PrintJson(nlohmann::json({{"dataset", command.ingest.output},
                               {"steps", report.steps},
                               {"steps_before", report.steps_before},
+                              {"steps_held", report.steps_held},
+                              {"steps_skipped", report.steps_skipped},
                               {"nx", report.dims.x},
                               {"ny", report.dims.y},
                               {"nz", report.dims.z},
@@ -54,12 +57,25 @@ void PrintReport(const IngestCommand& command, const ingest::IngestReport& repor
   if (report.steps == 0 && report.steps_before > 0) {
     return;
   }
+  if (report.dims.x == 0) {  // --watch
+    PrintLine(fmt::format("{}: no file came", command.ingest.output));
+    return;
+  }
   std::string fields;
   for (const std::string& field : report.fields) {
     fields += (fields.empty() ? "" : ", ") + field;
   }
-  PrintLine(fmt::format("{}: {} steps of {} x {} x {} voxels, fields {}", command.ingest.output,
-                        report.steps, report.dims.x, report.dims.y, report.dims.z, fields));
+  PrintLine(fmt::format("{}: {} of {} x {} x {} voxels, fields {}", command.ingest.output,
+                        CountOf(report.steps, "step"), report.dims.x, report.dims.y, report.dims.z,
+                        fields));
+  if (report.steps_held > 0) {
+    PrintLine(fmt::format("held: {}, for which the one before stands in",
+                          CountOf(report.steps_held, "step")));
+  }
+  if (report.steps_skipped > 0) {
+    PrintLine(fmt::format("skipped: {}, whose file or grid is missing",
+                          CountOf(report.steps_skipped, "step")));
+  }
   for (size_t i = 0; i < report.max_errors.size(); ++i) {
     PrintLine(fmt::format("field {}: no voxel is off by more than {:.3g}", report.fields[i],
                           RoundedUp(report.max_errors[i])));
@@ -105,10 +121,14 @@ Status MakePlan(const IngestCommand& command) {
   for (const std::string& warning : planned->plan.warnings) {
     Note(command.output, "note: " + warning);
   }
-  PrintLine(fmt::format(
-      "{}: {} steps of {} x {} x {} voxels; `fovea ingest --from-plan {} --shard "
-      "i/n -o NAME.zarr` makes part i, from 0, of n",
-      command.plan, planned->plan.steps.size(), dims.x, dims.y, dims.z, ShellQuote(command.plan)));
+  // With a tolerance the first step chooses for all: there are no parts.
+  const bool in_parts = !command.ingest.tolerance;
+  PrintLine(
+      fmt::format("{}: {} of {} x {} x {} voxels; `fovea ingest --from-plan {}{} -o NAME.zarr` "
+                  "makes {}",
+                  command.plan, CountOf(std::ssize(planned->plan.steps), "step"), dims.x, dims.y,
+                  dims.z, ShellQuote(command.plan), in_parts ? " --shard i/n" : "",
+                  in_parts ? "part i, from 0, of n" : "it, in one piece (--tolerance)"));
   return absl::OkStatus();
 }
 
@@ -156,10 +176,8 @@ Status Run(const IngestCommand& asked) {
   }
   IngestCommand command = asked;
   const Stopwatch watch;
-  const std::filesystem::path folder = std::filesystem::path(command.ingest.output).parent_path();
-  std::error_code ignored;  // what cannot be made is reported by the store, with its path
-  if (!folder.empty() && !command.ingest.append) {
-    std::filesystem::create_directories(folder, ignored);
+  if (!command.ingest.append) {
+    PrepareOutput(command.output, command.ingest.output);
   }
   const StatusOr<ingest::IngestReport> report = Make(&command);
   if (!report.ok()) {

@@ -5,6 +5,7 @@
 
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/dataset_output.h"
 #include "service/cli/flags.h"
 #include "service/cli/verbs.h"
 
@@ -31,6 +32,7 @@ CLI::App* AddMerge(CLI::App* app, MergeCommand* command) {
 }
 
 Status Run(const MergeCommand& command) {
+  PrepareOutput(command.output, command.merge.path);
   const StatusOr<store::MergeReport> report = [&] {
     Progress progress(command.output, "merge", "steps");
     return store::Merge(command.merge, [&](int64_t done, int64_t total) {
@@ -49,12 +51,13 @@ Status Run(const MergeCommand& command) {
                               {"parts_removed", report->parts_removed}}));
     return absl::OkStatus();
   }
-  PrintLine(report->was_merged
-                ? fmt::format("{}: {} steps, merged before", command.merge.path, report->steps)
-                : fmt::format("{}: {} steps of {} parts", command.merge.path, report->steps,
-                              report->parts));
+  PrintLine(
+      report->was_merged
+          ? fmt::format("{}: {}, merged before", command.merge.path, CountOf(report->steps, "step"))
+          : fmt::format("{}: {} of {}", command.merge.path, CountOf(report->steps, "step"),
+                        CountOf(report->parts, "part")));
   if (report->parts_removed > 0) {
-    PrintLine(fmt::format("{} parts removed", report->parts_removed));
+    PrintLine(CountOf(report->parts_removed, "part") + " removed");
   }
   return absl::OkStatus();
 }

@@ -127,6 +127,10 @@ bool IsDataset(const std::string& path) {
          (folder.extension() == ".zarr" || fs::exists(folder / "zarr.json", error));
 }
 
+bool NamesDataset(const std::vector<std::string>& inputs) {
+  return inputs.size() == 1 && (IsDataset(inputs.front()) || inputs.front().ends_with(".zarr"));
+}
+
 StatusOr<std::string> CacheFolder(const std::string& given) {
   if (!given.empty()) {
     return given;
@@ -211,9 +215,7 @@ StatusOr<std::unique_ptr<exports::FrameProvider>> OpenPictures(const PictureInpu
     return exports::OpenRemote(*input.server, input.credentials, input.inputs.front(), transport,
                                input.threads);
   }
-  const bool dataset = input.inputs.size() == 1 &&
-                       (IsDataset(input.inputs.front()) || input.inputs.front().ends_with(".zarr"));
-  if (dataset) {
+  if (NamesDataset(input.inputs)) {
     return exports::OpenLocal(input.inputs.front(), input.threads);
   }
   FOVEA_ASSIGN_OR_RETURN(const std::string path, IngestIntoCache(input, output));

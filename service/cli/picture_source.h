@@ -19,6 +19,9 @@ namespace fovea::cli {
 /// Whether `path` is a dataset's folder: one that ends in .zarr or holds a zarr.json.
 [[nodiscard]] bool IsDataset(const std::string& path);
 
+/// Whether `inputs` is one dataset, there or not, and not foreign files.
+[[nodiscard]] bool NamesDataset(const std::vector<std::string>& inputs);
+
 /// The cache folder that `--cache` or the environment names.
 [[nodiscard]] StatusOr<std::string> CacheFolder(const std::string& given);
 

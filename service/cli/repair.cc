@@ -5,6 +5,7 @@
 
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/dataset_output.h"
 #include "service/cli/flags.h"
 #include "service/cli/verbs.h"
 
@@ -21,8 +22,8 @@ void Print(const RepairCommand& command, const store::RepairReport& report) {
                               {"rebuilt", report.rebuilt}}));
     return;
   }
-  PrintLine(fmt::format("{}: {} steps, {} chunks of detail kept", command.dataset, report.steps,
-                        report.chunks_kept));
+  PrintLine(fmt::format("{}: {}, {} chunks of detail kept", command.dataset,
+                        CountOf(report.steps, "step"), report.chunks_kept));
   for (const std::string& line : report.rebuilt) {
     PrintLine("  rebuilt: " + line);
   }
@@ -57,6 +58,9 @@ Status Check(RepairCommand* command) {
 }
 
 Status Run(const RepairCommand& command) {
+  if (!command.in_place) {
+    PrepareOutput(command.output, command.file);
+  }
   const StatusOr<store::RepairReport> report = [&] {
     Progress progress(command.output, "repair", "steps");
     return store::Repair(

@@ -5,6 +5,7 @@
 
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/dataset_output.h"
 #include "service/cli/flags.h"
 #include "service/cli/verbs.h"
 
@@ -40,6 +41,9 @@ Status Check(RetainCommand* command) {
 
 Status Run(const RetainCommand& command) {
   FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(command.dataset));
+  if (!command.in_place) {
+    PrepareOutput(command.output, command.copy);
+  }
   const auto windows = store::InVoxels(command.windows, dataset->info().index_to_world);
   const StatusOr<store::RetainReport> report = [&] {
     Progress progress(command.output, "retain", "steps");
@@ -62,8 +66,8 @@ Status Run(const RetainCommand& command) {
                               {"chunks_dropped", counts.chunks_dropped},
                               {"bytes_dropped", counts.bytes_dropped}}));
   } else {
-    PrintLine(fmt::format("{}: {} steps, {} chunks of detail kept, {} dropped ({})", made,
-                          report->steps, counts.chunks_kept, counts.chunks_dropped,
+    PrintLine(fmt::format("{}: {}, {} chunks of detail kept, {} dropped ({})", made,
+                          CountOf(report->steps, "step"), counts.chunks_kept, counts.chunks_dropped,
                           HumanBytes(counts.bytes_dropped)));
   }
   return absl::OkStatus();

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <string>
 #include <string_view>
@@ -14,6 +13,7 @@
 #include "ingest/sensors/voxel_box.h"
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/dataset_output.h"
 #include "service/cli/flags.h"
 #include "service/cli/number_list.h"
 #include "service/cli/sensors_remote.h"
@@ -311,8 +311,9 @@ void PrintReport(const SensorsCommand& command, const ingest::SensorReport& repo
   for (const std::string& field : report.fields) {
     fields += field + ", ";
   }
-  PrintLine(fmt::format("{}: {} steps of {} x {} x {} voxels, fields {}{}", command.ingest.output,
-                        report.steps, dims.x, dims.y, dims.z, fields, ingest::kCoverageField));
+  PrintLine(fmt::format("{}: {} of {} x {} x {} voxels, fields {}{}", command.ingest.output,
+                        CountOf(report.steps, "step"), dims.x, dims.y, dims.z, fields,
+                        ingest::kCoverageField));
   PrintLine(fmt::format(
       "{} readings in {} ({:.2f} million a second); read {:.0f} ms, bin {:.0f} ms, fill {:.0f} ms, "
       "write {:.0f} ms",
@@ -340,8 +341,9 @@ std::string LeftOut(const ingest::SensorReport& report) {
        {std::pair(c.duplicates, "replaced by later ones of the same place and time"),
         std::pair(c.not_finite, "NaN or infinite"),
         std::pair(c.out_of_range, "out of --value-range"), std::pair(c.outside, "outside the box"),
-        std::pair(c.late,
-                  "late (their steps were closed; --watermark S holds steps open for S seconds)"),
+        std::pair(
+            c.late,
+            "late, of steps that were closed (--watermark S holds steps open S seconds longer)"),
         std::pair(c.ahead, "too far ahead"),
         std::pair(c.pending, "of steps that were not complete"),
         std::pair(report.bad_lines, "bad lines")}) {
@@ -446,10 +448,8 @@ Status Run(const SensorsCommand& command) {
     return SendSensors(command);
   }
   const Stopwatch watch;
-  const std::filesystem::path folder = std::filesystem::path(command.ingest.output).parent_path();
-  std::error_code ignored;  // what cannot be made is reported by the store, with its path
-  if (!folder.empty() && !command.ingest.append) {
-    std::filesystem::create_directories(folder, ignored);
+  if (!command.ingest.append) {
+    PrepareOutput(command.output, command.ingest.output);
   }
   StatusOr<ingest::SensorReport> report = [&] {
     Progress progress(command.output, "sensors", "steps");
@@ -477,7 +477,7 @@ Status Run(const SensorsCommand& command) {
     PrintReport(command, *report, ms);
   }
   if (report->interrupted && command.ingest.inputs.front() != "-") {
-    return Cancelled("stopped as asked, after {} steps", report->steps);
+    return Cancelled("stopped as asked, after {}", CountOf(report->steps, "step"));
   }
   return absl::OkStatus();
 }

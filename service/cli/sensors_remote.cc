@@ -108,9 +108,9 @@ Status SendSensors(const SensorsCommand& command) {
   ingest::SensorReport report;
   report.counts = sent->report.counts;
   report.bad_lines = sent->bad_lines;
-  PrintLine(fmt::format("{}: {} readings to {} in {}; {} steps there", command.ingest.output,
+  PrintLine(fmt::format("{}: {} readings to {} in {}; {} there", command.ingest.output,
                         report.counts.used, *command.server, HumanSeconds(ms / 1000),
-                        sent->report.committed_steps));
+                        CountOf(sent->report.committed_steps, "step")));
   if (const std::string left_out = LeftOut(report); !left_out.empty()) {
     PrintLine(fmt::format("left out: {}", left_out));
   }

@@ -120,11 +120,12 @@ Status Run(const StatsCommand& command) {
                                  {"minimum", stats.minimum},
                                  {"maximum", stats.maximum},
                                  {"bytes", ToJson(stored)},
+                                 {"lost", info.IsLost(field, step)},
                                  {"histogram", stats.histogram}});
       } else {
-        PrintLine(fmt::format("{:>6} {:>8}  {:<16} {:>13.6g} {:>13.6g}  |{}|", step,
+        PrintLine(fmt::format("{:>6} {:>8}  {:<16} {:>13.6g} {:>13.6g}  |{}|{}", step,
                               number ? fmt::format("{}", *number) : "-", field, stats.minimum,
-                              stats.maximum, Bars(stats)));
+                              stats.maximum, Bars(stats), info.IsLost(field, step) ? " lost" : ""));
       }
     }
     steps.push_back(std::move(one));

@@ -1,7 +1,9 @@
 #include <CLI/CLI.hpp>
 
+#include "ingest/ingest_checks.h"
 #include "service/cli/console.h"
 #include "service/cli/flags.h"
+#include "service/cli/foreign_flags.h"
 #include "service/cli/verbs.h"
 #include "service/frames/frames.h"
 
@@ -11,8 +13,9 @@ namespace fovea::cli {
 
 namespace {
 
-/// With --from-plan only the flags of how, not of what, can be given.
-void ExcludeWhatAPlanSays(CLI::App* verb) {
+/// With --from-plan only the flags of how, not of what, can be given; otherwise only those that
+/// apply to the files.
+void RefuseWhatCannotApply(CLI::App* verb, const IngestCommand* command) {
   std::vector<const CLI::Option*> said;
   for (const CLI::Option* option : verb->get_options()) {
     const std::string name = option->get_name();
@@ -21,13 +24,14 @@ void ExcludeWhatAPlanSays(CLI::App* verb) {
       said.push_back(option);
     }
   }
-  verb->parse_complete_callback([verb, said] {
+  verb->parse_complete_callback([verb, said, command] {
     for (const CLI::Option* option : said) {
       if (verb->count("--from-plan") > 0 && option->count() > 0) {
         throw CLI::ValidationError(
             "--from-plan", fmt::format("not with {}: the plan says it", option->get_name()));
       }
     }
+    RefuseFlagsOfOtherFiles(*verb, command->ingest.inputs);
   });
 }
 
@@ -58,19 +62,22 @@ CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
                    "(default density)")
       ->type_name("F");
   AddTimeFlags(verb, &command->ingest);
-  verb->add_flag("--append", command->ingest.append, "Add steps to a dataset that is there");
+  CLI::Option* append =
+      verb->add_flag("--append", command->ingest.append, "Add steps to a dataset that is there");
   verb->add_option("--chunk", command->ingest.chunk_edge,
                    "Edge of a chunk: 8, 16 or 32 "
                    "coefficients (default 16)")
       ->check(CLI::IsMember({8, 16, 32}))
-      ->type_name("C");
+      ->type_name("C")
+      ->excludes(append);
   AddExtentFlag(verb, &command->ingest.extent);
   AddRetainFlag(verb, &command->ingest.retain);
+  append->excludes("--extent")->excludes("--retain");
   AddBasisFlags(verb, &command->ingest);
   AddForeignFlags(verb, &command->ingest);
   AddPartFlags(verb, command);
   AddWatchFlags(verb, command);
-  ExcludeWhatAPlanSays(verb);
+  RefuseWhatCannotApply(verb, command);
   AddThreadsFlag(verb, &command->ingest.threads);
   AddOutputFlags(verb, &command->output);
   return verb;
@@ -87,7 +94,7 @@ Status Check(IngestCommand* command) {
     return InvalidArgument("--plan: a plan is of a whole, new series, without {}",
                            command->watch ? "--watch" : "--append");
   }
-  return absl::OkStatus();
+  return ingest::CheckCoding(command->ingest);
 }
 
 CLI::App* AddInfo(CLI::App* app, InfoCommand* command) {

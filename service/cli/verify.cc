@@ -23,12 +23,17 @@ Status Run(const VerifyCommand& command) {
                               {"steps", report->steps},
                               {"chunks", report->chunks},
                               {"bytes", report->bytes},
-                              {"problems", report->problems}}));
+                              {"problems", report->problems},
+                              {"lost_steps", report->lost_steps}}));
   } else {
-    PrintLine(fmt::format("{}: {} steps, {} chunks, {} checked", command.dataset, report->steps,
-                          report->chunks, HumanBytes(report->bytes)));
+    PrintLine(fmt::format("{}: {}, {} chunks, {} checked", command.dataset,
+                          CountOf(report->steps, "step"), report->chunks,
+                          HumanBytes(report->bytes)));
     for (const std::string& problem : report->problems) {
       PrintLine("  damaged: " + problem);
+    }
+    for (const auto& [field, steps] : report->lost_steps) {
+      PrintLine("  lost: " + DescribeLost(field, steps));
     }
   }
   if (!report->problems.empty()) {

@@ -24,7 +24,8 @@ namespace fovea::frames {
 [[nodiscard]] StatusOr<FrameSpec> DefaultSpec(store::Dataset& dataset);
 
 /// `spec` with what it left out taken from `defaults`, positions in voxels, checked against the
-/// dataset. A field other than the default one gets its own transfer function and fovea. Errors as
+/// dataset. A field other than the default one gets its own transfer function and fovea; a fovea
+/// that nobody chose and the view or the clip does not show moves to what they show. Errors as
 /// ValidateSpec; NOT_FOUND for an unknown field, listing those there are.
 [[nodiscard]] StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
                                               const FrameSpec& defaults);

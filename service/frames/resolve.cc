@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "engine/render/defaults.h"
+#include "service/frames/default_fovea.h"
 #include "service/frames/frames.h"
 
 namespace fovea::frames {
@@ -56,26 +57,27 @@ StatusOr<render::TransferFunction> DefaultTransferOfField(store::Dataset& datase
   return render::DefaultTransferFunction(sampled.stats, info.hierarchy);
 }
 
-/// The field of datasets of scattered readings that says where values were measured.
-constexpr const char* kCoverageField = "coverage";
+/// Of the sampled steps the one with most to see.
+size_t FullestOf(const Sampled& sampled) {
+  size_t fullest = 0;
+  for (size_t i = 1; i < sampled.stats.size(); ++i) {
+    const auto mass = [&](size_t which) {
+      return VisibleMass(sampled.stats[which], BackgroundOf(sampled.stats[which]));
+    };
+    fullest = mass(i) > mass(fullest) ? i : fullest;
+  }
+  return fullest;
+}
 
-/// Where most was measured, if the dataset knows that; else the densest region of `field`.
-StatusOr<Vec3> DefaultFoveaOfStep(store::Dataset& dataset, int64_t step, const std::string& field,
-                                  const FieldStats& stats) {
-  const std::vector<store::FieldInfo> fields = dataset.info().fields;
-  std::string shown = field;
-  FieldStats of_shown = stats;
-  if (std::any_of(fields.begin(), fields.end(),
-                  [](const store::FieldInfo& info) { return info.name == kCoverageField; })) {
-    FOVEA_ASSIGN_OR_RETURN(const FieldStats coverage, dataset.Stats(step, kCoverageField));
-    if (coverage.maximum > 0) {
-      shown = kCoverageField;
-      of_shown = {};
-      of_shown.histogram[0] = 1;  // its background is 0, whatever most voxels have
+/// 40, or less where the window around the fovea keeps less.
+Rate DefaultRateAt(const store::DatasetInfo& info, const Vec3& fovea) {
+  double rate = render::DefaultRate(info.hierarchy);
+  for (const store::RetainedWindow& window : info.retention) {
+    if (window.at == fovea) {
+      rate = std::min({rate, window.rate.x, window.rate.y, window.rate.z});
     }
   }
-  FOVEA_ASSIGN_OR_RETURN(const auto source, dataset.OpenStep(step, shown, store::OnDamage::kCount));
-  return render::DefaultFovea(*source, of_shown);
+  return Rate(rate);
 }
 
 StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& field) {
@@ -85,15 +87,11 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
                               dataset.path());
   }
   FOVEA_ASSIGN_OR_RETURN(const Sampled sampled, SampleSteps(dataset, field, info.committed_steps));
-  size_t fullest = 0;
-  for (size_t i = 1; i < sampled.stats.size(); ++i) {
-    const auto mass = [&](size_t which) {
-      return VisibleMass(sampled.stats[which], BackgroundOf(sampled.stats[which]));
-    };
-    fullest = mass(i) > mass(fullest) ? i : fullest;
-  }
-  FOVEA_ASSIGN_OR_RETURN(const Vec3 fovea, DefaultFoveaOfStep(dataset, sampled.steps[fullest],
-                                                              field, sampled.stats[fullest]));
+  const size_t fullest = FullestOf(sampled);
+  const auto anywhere = [](const Vec3&) { return true; };
+  FOVEA_ASSIGN_OR_RETURN(
+      const Vec3 fovea,
+      DefaultFoveaOfStep(dataset, sampled.steps[fullest], field, sampled.stats[fullest], anywhere));
 
   const render::OrthographicView view =
       render::Resolved({}, info.hierarchy.dims(), info.index_to_world);
@@ -102,7 +100,7 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
   spec.view = {
       view.azimuth_deg, view.elevation_deg, Position{*view.center_voxels}, *view.span_voxels, {}};
   spec.fovea = Position{fovea};
-  spec.rate = render::DefaultRate(info.hierarchy);
+  spec.rate = DefaultRateAt(info, fovea);
   spec.window = WindowShape::kCube;
   spec.reconstruction = Reconstruction::kExact;
   spec.transfer = render::DefaultTransferFunction(sampled.stats, info.hierarchy);
@@ -116,6 +114,23 @@ StatusOr<FrameSpec> DefaultsOfField(store::Dataset& dataset, const std::string& 
   spec.jpeg_quality = 90;
   spec.background = render::Color{};
   return spec;
+}
+
+/// A fovea that nobody chose lies in what the picture shows. `resolved` has all but that.
+Status MoveFoveaToShown(store::Dataset& dataset, const store::DatasetInfo& info,
+                        FrameSpec* resolved) {
+  const Accepts shown = ShownBy(info, *resolved);
+  if (shown(resolved->fovea->at)) {
+    return absl::OkStatus();
+  }
+  FOVEA_ASSIGN_OR_RETURN(const Sampled sampled,
+                         SampleSteps(dataset, *resolved->field, info.committed_steps));
+  const size_t fullest = FullestOf(sampled);
+  FOVEA_ASSIGN_OR_RETURN(const Vec3 fovea,
+                         DefaultFoveaOfStep(dataset, sampled.steps[fullest], *resolved->field,
+                                            sampled.stats[fullest], shown));
+  resolved->fovea = Position{shown(fovea) ? fovea : MiddleOfShown(info, *resolved, shown, fovea)};
+  return absl::OkStatus();
 }
 
 Status CheckField(const store::DatasetInfo& info, const char* name, const std::string& field) {
@@ -328,6 +343,9 @@ StatusOr<FrameSpec> ResolveSpec(store::Dataset& dataset, const FrameSpec& spec,
   FOVEA_RETURN_IF_ERROR(ToVoxels("fovea", info.index_to_world, &resolved.fovea));
   FOVEA_RETURN_IF_ERROR(ClipToVoxels(info.index_to_world, &resolved.clip));
   FOVEA_RETURN_IF_ERROR(ResolveMode(info, &resolved));
+  if (!spec.fovea) {
+    FOVEA_RETURN_IF_ERROR(MoveFoveaToShown(dataset, info, &resolved));
+  }
   FOVEA_RETURN_IF_ERROR(CheckInside(given, resolved.fovea->at, info.hierarchy.dims()));
   return resolved;
 }

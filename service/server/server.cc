@@ -319,11 +319,7 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   if (!options.admin.empty()) {  // first: it says "starting" while the catalogue is read
     FOVEA_ASSIGN_OR_RETURN(admin, AdminServer::Start(options.admin, options.admin_any_address));
   }
-  FOVEA_ASSIGN_OR_RETURN(auto catalogue,
-                         Catalogue::Open(options.root, options.rescan_interval,
-                                         std::make_shared<frames::VolumeCache>(memory.volumes)));
-  FOVEA_ASSIGN_OR_RETURN(Listener listener, Listen(address));
-  FOVEA_RETURN_IF_ERROR(CheckExposure(listener.loopback, options));
+  // What is short comes first: a wrong flag is not to be found below a list of datasets.
   SeenFiles seen{FileWatch::Look({options.tokens}), FileWatch::Look(options.tls.Paths())};
   FOVEA_ASSIGN_OR_RETURN(auto gate, access::Gate::Open(options.tokens));
   std::optional<Certificates> certificates;
@@ -331,6 +327,11 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
     FOVEA_ASSIGN_OR_RETURN(certificates, LoadCertificates(options.tls));
     spdlog::info("certificate: {}", certificates->summary);
   }
+  FOVEA_ASSIGN_OR_RETURN(auto catalogue,
+                         Catalogue::Open(options.root, options.rescan_interval,
+                                         std::make_shared<frames::VolumeCache>(memory.volumes)));
+  FOVEA_ASSIGN_OR_RETURN(Listener listener, Listen(address));
+  FOVEA_RETURN_IF_ERROR(CheckExposure(listener.loopback, options));
   if (!listener.loopback && options.tokens.empty() && options.tls.client_ca.empty()) {
     spdlog::warn("whoever reaches {} may see everything: neither --tokens nor --tls-client-ca",
                  options.listen);

@@ -100,7 +100,11 @@ class Damage(support.FoveaTest):
             self.assertTrue(any("of step 4" in line for line in lost))
             self.assertTrue(any("step 8 of 'density'" in line for line in lost))
             self.assertIn("  rebuilt: density/histogram", result.stdout)
-            self.fovea("verify", mended)
+            self.assertIn("lost: step 8 of field 'density'", self.fovea("verify", mended).stdout)
+            self.assertEqual(self.fovea_json("verify", mended)["lost_steps"], {"density": [8]})
+            self.assertIn("lost      step 8 of field 'density'", self.fovea("info", mended).stdout)
+            self.assertEqual(self.fovea_json("info", mended)["fields"][0]["lost_steps"], [8])
+            self.assertIn("| lost", self.fovea("stats", mended, "--steps", "8").stdout)
             for step in (0, 6, 14):  # the index of 6 was found again
                 before, after = self.folder / "before.npy", self.folder / "after.npy"
                 self.fovea("extract", self.sound, "--step", step, "-o", before)
@@ -111,6 +115,7 @@ class Damage(support.FoveaTest):
             stats = [self.fovea_json("stats", which)["steps"] for which in (self.sound, mended)]
             for was, now in zip(*stats):
                 self.assertEqual(now["time_ns"], was["time_ns"])
+                self.assertEqual(now["fields"][0]["lost"], now["step"] == 8)
                 if now["step"] not in (4, 8):  # values are made anew, but for their last digit
                     self.assertEqual(now["fields"][0]["maximum"], was["fields"][0]["maximum"])
                     bins = [np.array(x["fields"][0]["histogram"]) for x in (was, now)]

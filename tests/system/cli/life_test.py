@@ -317,6 +317,10 @@ class Watch(Life):
             result = self.finish(process, status=1 if on_missing == "error" else 0)
             if on_missing == "error":
                 self.assertIn("number 9", result)
+            else:
+                self.assertEqual((result["steps_held"], result["steps_skipped"]),
+                                 (1, 0) if on_missing == "hold" else (0, 1))
+                self.assertIn("numbers 9 to 9", str(result["warnings"]))
             self.assertEqual(self.fovea_json("info", store)["committed_steps"], steps)
 
     def test_what_cannot_be_watched_is_refused(self):

@@ -58,6 +58,20 @@ TEST(WritePictureFileTest, PicturesComeBackAsWritten) {
   EXPECT_EQ(files, 3);  // no temporary file is left
 }
 
+TEST(WritePictureFileTest, TheSamePictureIsTheSameFile) {
+  const TemporaryFolder folder;
+  for (const std::string format : {".exr", ".tif"}) {
+    ASSERT_OK(WritePictureFile(folder / ("one" + format), kWidth, kHeight, Pixels()));
+    ASSERT_OK(WritePictureFile(folder / ("two" + format), kWidth, kHeight, Pixels()));
+    EXPECT_EQ(testing::ReadFile(folder / ("one" + format)),
+              testing::ReadFile(folder / ("two" + format)));
+    // Both were written within a second: they must not say when.
+    const auto input = OIIO::ImageInput::open(folder / ("one" + format));
+    ASSERT_NE(input, nullptr) << OIIO::geterror();
+    EXPECT_EQ(input->spec().get_string_attribute("DateTime"), "1970:01:01 00:00:00");
+  }
+}
+
 TEST(WritePictureFileTest, PicturesMayComeFromThreadsThatEnd) {
   const TemporaryFolder folder;
   for (const std::string name : {"a.exr", "b.exr", "c.exr"}) {
