@@ -197,6 +197,7 @@ TEST(Parse, IngestTakesAWavelet) {
   EXPECT_EQ(command.ingest.wavelet, Wavelet::kCdf53);
   EXPECT_TRUE(command.ingest.lossless);
   EXPECT_FALSE(Parsed<IngestCommand>({"ingest", "a.vdb", "-o", "x.zarr"}).ingest.wavelet);
+  EXPECT_TRUE(Parsed<IngestCommand>({"ingest", "a.vdb", "-o", "x.zarr", "--append"}).ingest.append);
 }
 
 TEST(Parse, IngestTakesRawFormats) {
@@ -219,7 +220,6 @@ TEST(Parse, IngestTakesRawFormats) {
                                               "hold",
                                               "--chunk",
                                               "8",
-                                              "--append",
                                               "--worker-memory",
                                               "2GB",
                                               "--worker-seconds",
@@ -237,7 +237,6 @@ TEST(Parse, IngestTakesRawFormats) {
   EXPECT_EQ(options.frames_per_second, 2);
   EXPECT_EQ(options.on_missing, ingest::OnMissing::kHold);
   EXPECT_EQ(options.chunk_edge, 8);
-  EXPECT_TRUE(options.append);
   EXPECT_EQ(options.worker.memory_bytes, int64_t{2} << 30);
   EXPECT_EQ(options.worker.seconds_per_file, 9);
   EXPECT_EQ(options.worker.cpu_seconds_per_file, 30);
