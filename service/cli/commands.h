@@ -192,6 +192,14 @@ struct TokenCommand {
   std::string rights = "read";
 };
 
+struct DeleteCommand {
+  OutputOptions output;
+  std::string dataset;  // its name on the server
+  std::optional<std::string> server;
+  client::Credentials credentials;
+  bool yes = false;
+};
+
 struct DoctorCommand {
   OutputOptions output;
   std::optional<std::string> folder;
@@ -209,7 +217,7 @@ using Command =
     std::variant<IngestCommand, SensorsCommand, InfoCommand, StatsCommand, VerifyCommand,
                  RepairCommand, MergeCommand, RetainCommand, ExtractCommand, PlanCommand,
                  RenderCommand, ExpandCommand, ExportCommand, BenchCommand, ServeCommand,
-                 JobsCommand, TokenCommand, DoctorCommand, DemoCommand>;
+                 JobsCommand, TokenCommand, DeleteCommand, DoctorCommand, DemoCommand>;
 
 /// A command to run, or a text to print (help, version, what was wrong) and the status to end with.
 struct ParseResult {
@@ -238,6 +246,7 @@ struct ParseResult {
 [[nodiscard]] Status Run(const ServeCommand& command);
 [[nodiscard]] Status Run(const JobsCommand& command);
 [[nodiscard]] Status Run(const TokenCommand& command);
+[[nodiscard]] Status Run(const DeleteCommand& command);
 [[nodiscard]] Status Run(const DoctorCommand& command);
 [[nodiscard]] Status Run(const DemoCommand& command);
 

@@ -108,6 +108,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
   Offer(AddServe, &app, &verbs);
   Offer(AddJobs, &app, &verbs);
   Offer(AddToken, &app, &verbs);
+  Offer(AddDelete, &app, &verbs);
   Offer(AddDoctor, &app, &verbs);
   Offer(AddDemo, &app, &verbs);
   if (const std::string problem = VerbProblem(app, arguments); !problem.empty()) {

@@ -30,6 +30,7 @@ CLI::App* AddBench(CLI::App* app, BenchCommand* command);
 CLI::App* AddServe(CLI::App* app, ServeCommand* command);
 CLI::App* AddJobs(CLI::App* app, JobsCommand* command);
 CLI::App* AddToken(CLI::App* app, TokenCommand* command);
+CLI::App* AddDelete(CLI::App* app, DeleteCommand* command);
 CLI::App* AddDoctor(CLI::App* app, DoctorCommand* command);
 CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 
@@ -47,6 +48,7 @@ CLI::App* AddDemo(CLI::App* app, DemoCommand* command);
 [[nodiscard]] Status Check(BenchCommand* command);
 [[nodiscard]] Status Check(JobsCommand* command);
 [[nodiscard]] Status Check(TokenCommand* command);
+[[nodiscard]] Status Check(DeleteCommand* command);
 template <typename T>
 [[nodiscard]] Status Check(T*) {
   return absl::OkStatus();

@@ -89,6 +89,7 @@ class GrpcClient final : public Client {
 
   StatusOr<std::vector<DatasetSummary>> ListDatasets() override;
   StatusOr<DatasetSummary> GetDataset(const std::string& dataset) override;
+  Status DeleteDataset(const std::string& dataset) override;
   StatusOr<frames::Frame> RenderFrame(const std::string& dataset, int64_t step,
                                       const frames::FrameSpec& spec) override;
   Status RenderSequence(const SequenceRequest& request,
@@ -166,6 +167,15 @@ StatusOr<DatasetSummary> GrpcClient::GetDataset(const std::string& dataset) {
   auto summary = wire::FromProto(response);
   FOVEA_RETURN_IF_ERROR(Explain(summary.status()));
   return summary;
+}
+
+Status GrpcClient::DeleteDataset(const std::string& dataset) {
+  grpc::ClientContext context;
+  Prepare(&context);
+  v1::DeleteDatasetRequest request;
+  request.set_dataset(dataset);
+  v1::DeleteDatasetResponse response;
+  return Explain(wire::FromGrpc(datasets_->DeleteDataset(&context, request, &response)));
 }
 
 StatusOr<frames::Frame> GrpcClient::RenderFrame(const std::string& dataset, int64_t step,

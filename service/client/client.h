@@ -69,6 +69,8 @@ class Client : public CoefficientStreams {
 
   [[nodiscard]] virtual StatusOr<std::vector<DatasetSummary>> ListDatasets() = 0;
   [[nodiscard]] virtual StatusOr<DatasetSummary> GetDataset(const std::string& dataset) = 0;
+  /// Removes it from the server's disk, for good.
+  [[nodiscard]] virtual Status DeleteDataset(const std::string& dataset) = 0;
   [[nodiscard]] virtual StatusOr<frames::Frame> RenderFrame(const std::string& dataset,
                                                             int64_t step,
                                                             const frames::FrameSpec& spec) = 0;

@@ -199,6 +199,14 @@ StatusOr<std::vector<Job>> JobRunner::List(const std::string& owner, int64_t bef
   return jobs;
 }
 
+std::optional<Job> JobRunner::UnendedOn(const std::string& dataset) {
+  const std::lock_guard lock(mutex_);
+  const auto live = std::find_if(live_.begin(), live_.end(), [&](const auto& entry) {
+    return entry.second->job.dataset == dataset && !IsEnd(entry.second->job.state);
+  });
+  return live == live_.end() ? std::nullopt : std::optional(live->second->job);
+}
+
 StatusOr<Job> JobRunner::Cancel(const std::string& owner, const std::string& id) {
   std::unique_lock lock(mutex_);
   const auto found = live_.find(id);

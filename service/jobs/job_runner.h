@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -73,6 +74,8 @@ class JobRunner {
   /// As JobTable::List.
   [[nodiscard]] StatusOr<std::vector<Job>> List(const std::string& owner, int64_t before,
                                                 int64_t limit);
+  /// A job of anybody, that has not ended, about this dataset.
+  [[nodiscard]] std::optional<Job> UnendedOn(const std::string& dataset);
   /// How it stands after that; one that runs ends within a second.
   [[nodiscard]] StatusOr<Job> Cancel(const std::string& owner, const std::string& id);
   /// Until the listener is gone, or the job has ended.

@@ -166,6 +166,13 @@ void Catalogue::Rescan(bool always) {
     spdlog::warn("more than {} datasets below the root: the others are not served", kMaxDatasets);
   }
   scanned_ = ServedDataset::Clock::now();
+  for (const auto& [name, entry] : before) {
+    const auto still = entries.find(name);
+    if (entry.dataset != nullptr &&
+        (still == entries.end() || still->second.dataset != entry.dataset)) {
+      entry.dataset->MarkGone();
+    }
+  }
   const std::lock_guard lock(mutex_);
   entries_.swap(entries);
 }
@@ -173,7 +180,7 @@ void Catalogue::Rescan(bool always) {
 Catalogue::Entry Catalogue::OpenEntry(const std::string& name, const Identity& identity,
                                       const Entry* before) const {
   const bool known = before != nullptr && before->identity == identity;
-  if (known && before->dataset != nullptr) {
+  if (known && before->dataset != nullptr && before->dataset->CheckPresent().ok()) {
     return *before;
   }
   Entry entry{identity, nullptr, absl::OkStatus()};
@@ -211,8 +218,8 @@ StatusOr<std::shared_ptr<ServedDataset>> Catalogue::FindNow(const std::string& n
 StatusOr<std::shared_ptr<ServedDataset>> Catalogue::FindEntry(const std::string& name, bool now) {
   auto entry = Lookup(name);
   const auto usable = [&entry, now] {
-    return entry.ok() && entry->dataset != nullptr &&
-           entry->identity == IdentityOf(entry->identity.path) && entry->dataset->Refresh(now).ok();
+    return entry.ok() && entry->dataset != nullptr && entry->dataset->CheckPresent().ok() &&
+           entry->dataset->Refresh(now).ok();
   };
   if (!usable()) {
     // New, gone, repaired or replaced: the disk knows.

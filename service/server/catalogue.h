@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "engine/base/status.h"
+#include "engine/store/removal.h"
 #include "service/server/served_dataset.h"
 
 namespace fovea::server {
@@ -44,6 +45,14 @@ class Catalogue {
   /// Where a dataset of this name belongs that is not there yet, its folders made. INVALID_ARGUMENT
   /// unless wire::IsNewDatasetName; FAILED_PRECONDITION if that is outside of the root, by a link.
   [[nodiscard]] StatusOr<std::string> PathOfNew(const std::string& name) const;
+
+  /// Removes the dataset of this name from the disk (store::StoreRemoval): gone at once for all who
+  /// ask or read, and its space is free when this returns. NOT_FOUND; FAILED_PRECONDITION if
+  /// another writes to it, it is reached by a link, or it is no store of ours. One that is damaged
+  /// goes, too.
+  [[nodiscard]] Status Remove(const std::string& name);
+  /// Removes what is left of removals that were interrupted; what cannot be removed is logged.
+  void FinishRemovals() const;
 
   struct Page {
     std::vector<std::shared_ptr<ServedDataset>> datasets;  // by name
@@ -86,6 +95,7 @@ class Catalogue {
   [[nodiscard]] Entry OpenEntry(const std::string& name, const Identity& identity,
                                 const Entry* before) const;
   [[nodiscard]] StatusOr<Entry> Lookup(const std::string& name) const;
+  [[nodiscard]] StatusOr<store::StoreRemoval> BeginRemoval(const std::string& name);
 
   const std::string root_;  // canonical
   const std::chrono::milliseconds rescan_interval_;

@@ -313,7 +313,9 @@ StatusOr<wire::CoefficientsMessage> CoefficientJob::Make(int64_t index) {
   const auto at = static_cast<size_t>(index);
   if (at < plan_.blocks.size()) {
     const coefficients::PlannedBlock& planned = plan_.blocks[at];
-    FOVEA_ASSIGN_OR_RETURN(message.data, Encode(planned));
+    auto data = Encode(planned);
+    FOVEA_RETURN_IF_ERROR(dataset_->CheckPresent());
+    FOVEA_ASSIGN_OR_RETURN(message.data, std::move(data));
     message.reached = planned.reached;
     message.resume_token = TokenFor(index + 1);
   } else {

@@ -1,5 +1,6 @@
 #include "service/server/datasets_service.h"
 
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -46,7 +47,9 @@ StatusOr<v1::Histogram> CountValues(Catalogue& catalogue, const wire::HistogramR
   FOVEA_ASSIGN_OR_RETURN(const int64_t step,
                          ChooseStep(request.dataset, dataset, request.step, request.time_ns));
   const std::string field = request.field.value_or(dataset.info().default_field);
-  FOVEA_ASSIGN_OR_RETURN(const FieldStats stats, dataset.Stats(step, field));
+  auto counted = dataset.Stats(step, field);
+  FOVEA_RETURN_IF_ERROR(served->CheckPresent());
+  FOVEA_ASSIGN_OR_RETURN(const FieldStats stats, std::move(counted));
   v1::Histogram histogram;
   histogram.set_dataset(request.dataset);
   histogram.set_field(field);
@@ -55,6 +58,23 @@ StatusOr<v1::Histogram> CountValues(Catalogue& catalogue, const wire::HistogramR
   histogram.set_maximum(stats.maximum);
   histogram.mutable_counts()->Add(stats.histogram.begin(), stats.histogram.end());
   return histogram;
+}
+
+StatusOr<v1::DeleteDatasetResponse> Delete(Services& services, const access::Caller& caller,
+                                           const std::string& name) {
+  const auto job = services.jobs == nullptr ? std::nullopt : services.jobs->UnendedOn(name);
+  if (job) {
+    const bool own = job->owner == caller.name();
+    return FailedPrecondition("dataset '{}' is not removed: {} has not ended that {} it; {}", name,
+                              own ? job->id : "a job of another token",
+                              job->kind == jobs::Kind::kExport ? "shows" : "writes",
+                              own ? "wait, or cancel the job" : "try again when it has");
+  }
+  const Status removed = services.catalogue->Remove(name);
+  services.steps.Poke(name);
+  FOVEA_RETURN_IF_ERROR(removed);
+  spdlog::info("dataset '{}' was removed", name);
+  return v1::DeleteDatasetResponse();
 }
 
 }  // namespace
@@ -88,6 +108,25 @@ grpc::ServerUnaryReactor* DatasetsService::GetDataset(grpc::CallbackServerContex
   call->Enqueue(services_.lookups, 0,
                 [call, &services = services_, name = request->dataset()](int) {
                   call->Complete(Get(*services.catalogue, name));
+                });
+  return call.get();
+}
+
+grpc::ServerUnaryReactor* DatasetsService::DeleteDataset(grpc::CallbackServerContext* context,
+                                                         const v1::DeleteDatasetRequest* request,
+                                                         v1::DeleteDatasetResponse* response) {
+  const auto call = UnaryCall<v1::DeleteDatasetResponse>::Start(
+      services_, *context,
+      {.right = access::Right::kWrite, .dataset = request->dataset(), .request = request},
+      response);
+  if (const Status named = wire::CheckDatasetName(request->dataset()); !named.ok()) {
+    call->Complete(named);
+    return call.get();
+  }
+  // Many files take long to remove: not beside what must be quick.
+  call->Enqueue(services_.ingests, 0,
+                [call, &services = services_, name = request->dataset()](int) {
+                  call->Complete(Delete(services, call->caller(), name));
                 });
   return call.get();
 }

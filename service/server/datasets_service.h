@@ -20,6 +20,9 @@ class DatasetsService final : public v1::Datasets::CallbackService {
   grpc::ServerUnaryReactor* GetDataset(grpc::CallbackServerContext* context,
                                        const v1::GetDatasetRequest* request,
                                        v1::Dataset* response) override;
+  grpc::ServerUnaryReactor* DeleteDataset(grpc::CallbackServerContext* context,
+                                          const v1::DeleteDatasetRequest* request,
+                                          v1::DeleteDatasetResponse* response) override;
   grpc::ServerWriteReactor<v1::DatasetEvent>* WatchDataset(
       grpc::CallbackServerContext* context, const v1::WatchDatasetRequest* request) override;
 

@@ -73,9 +73,10 @@ StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset
 }
 
 StatusOr<v1::Frame> RenderJob(const FrameJob& job, int64_t step, uint64_t index, int threads) {
-  FOVEA_ASSIGN_OR_RETURN(frames::Frame frame,
-                         frames::RenderFrame(job.dataset->dataset(), job.dataset->name(), step,
-                                             job.spec, threads, job.dataset->volumes()));
+  auto rendered = frames::RenderFrame(job.dataset->dataset(), job.dataset->name(), step, job.spec,
+                                      threads, job.dataset->volumes());
+  FOVEA_RETURN_IF_ERROR(job.dataset->CheckPresent());
+  FOVEA_ASSIGN_OR_RETURN(frames::Frame frame, std::move(rendered));
   frame.index = index;
   if (static_cast<int64_t>(frame.pixels.size()) > wire::kMaxFrameBytes) {
     return ResourceExhausted(

@@ -1,15 +1,42 @@
 #include "service/server/served_dataset.h"
 
+#include <sys/stat.h>
+
 #include "service/frames/frames.h"
+#include "service/wire/status.h"
 
 namespace fovea::server {
+
+ServedDataset::Origin ServedDataset::OriginOf(const store::Dataset& dataset) {
+  const std::string first_field = dataset.info().fields.front().name;
+  struct stat folder {};
+  struct stat field {};
+  if (::stat(dataset.path().c_str(), &folder) != 0 ||
+      ::stat(fmt::format("{}/{}/zarr.json", dataset.path(), first_field).c_str(), &field) != 0) {
+    return {};
+  }
+  const int64_t written_ns = field.st_mtim.tv_sec * int64_t{1'000'000'000} + field.st_mtim.tv_nsec;
+  return {folder.st_dev, folder.st_ino, field.st_ino, static_cast<uint64_t>(written_ns)};
+}
+
+Status ServedDataset::CheckPresent() const {
+  if (!gone_ && OriginOf(*dataset_) == origin_) {
+    return absl::OkStatus();
+  }
+  return wire::WithResource(
+      NotFound("dataset '{}' was removed or replaced; call again for what is there now", name_),
+      "fovea.v1.Dataset", name_);
+}
 
 Status ServedDataset::Refresh(bool now) {
   const std::lock_guard lock(refresh_mutex_);
   if (!now && Clock::now() - refreshed_ < refresh_interval_) {
     return absl::OkStatus();
   }
-  FOVEA_RETURN_IF_ERROR(dataset_->Refresh());
+  if (const Status status = dataset_->Refresh(); !status.ok()) {
+    FOVEA_RETURN_IF_ERROR(CheckPresent());
+    return status;
+  }
   refreshed_ = Clock::now();
   return absl::OkStatus();
 }
@@ -18,7 +45,9 @@ StatusOr<frames::FrameSpec> ServedDataset::DefaultSpec() {
   const std::lock_guard lock(defaults_mutex_);
   const int64_t steps = dataset_->info().committed_steps;
   if (!defaults_ || defaults_steps_ != steps) {
-    FOVEA_ASSIGN_OR_RETURN(defaults_, frames::DefaultSpec(*dataset_));
+    auto defaults = frames::DefaultSpec(*dataset_);
+    FOVEA_RETURN_IF_ERROR(CheckPresent());
+    FOVEA_ASSIGN_OR_RETURN(defaults_, std::move(defaults));
     defaults_steps_ = steps;
   }
   return *defaults_;

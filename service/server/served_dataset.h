@@ -1,6 +1,7 @@
 #ifndef SERVICE_SERVER_SERVED_DATASET_H_
 #define SERVICE_SERVER_SERVED_DATASET_H_
 
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -32,12 +33,20 @@ class ServedDataset {
         refresh_interval_(refresh_interval),
         volumes_(std::move(volumes)),
         id_(NextId()),
+        origin_(OriginOf(*dataset_)),
         refreshed_(Clock::now()) {}
 
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] store::Dataset& dataset() { return *dataset_; }
   /// Where its frames find the volumes of others.
   [[nodiscard]] frames::SharedVolumes volumes() const { return {volumes_.get(), id_}; }
+
+  /// OK while the store that was opened is the one at its path. NOT_FOUND when it was removed or
+  /// replaced, also by one with its very inode. Whoever reads asks this afterwards: what came, data
+  /// or an error, may be of what took its place. Two `stat`.
+  [[nodiscard]] Status CheckPresent() const;
+  /// The catalogue has dropped it: from now on it is not present, whatever is at its path.
+  void MarkGone() { gone_ = true; }
 
   /// Looks for new steps, unless that was done less than the interval ago and need not be `now`.
   [[nodiscard]] Status Refresh(bool now);
@@ -52,11 +61,18 @@ class ServedDataset {
     return ++last;
   }
 
+  /// The folder, and the metadata of the first field, which is written once, when a store is made:
+  /// a folder that was emptied and used again is another store.
+  using Origin = std::array<uint64_t, 4>;
+  [[nodiscard]] static Origin OriginOf(const store::Dataset& dataset);
+
   const std::string name_;
   const std::shared_ptr<store::Dataset> dataset_;
   const std::chrono::milliseconds refresh_interval_;
   const std::shared_ptr<frames::VolumeCache> volumes_;  // may be null
   const uint64_t id_;                                   // of no other in this process
+  const Origin origin_;
+  std::atomic<bool> gone_ = false;
 
   std::mutex refresh_mutex_;
   Clock::time_point refreshed_;  // guarded by refresh_mutex_

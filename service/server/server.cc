@@ -210,6 +210,14 @@ class GrpcServer final : public Server {
     return absl::OkStatus();
   }
 
+  /// Removes what a server that was killed left of removals, beside the calls that come.
+  void TidyUp() {
+    if (services_.writable) {
+      services_.ingests.SubmitAdmitted(
+          0, [catalogue = services_.catalogue.get()](int) { catalogue->FinishRemovals(); });
+    }
+  }
+
   /// Reads the files of `options` again when they change, from what they were at `seen` on.
   void Watch(const ServerOptions& options, SeenFiles seen) {
     if (!options.tokens.empty()) {
@@ -343,6 +351,7 @@ StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   server->KeepJobs(std::move(jobs));
   FOVEA_RETURN_IF_ERROR(
       server->Serve(std::move(listener), LimitsOf(options), std::move(certificates)));
+  server->TidyUp();
   server->Watch(options, std::move(seen));
   server->Tell(std::move(admin));
   return server;

@@ -120,6 +120,7 @@ std::vector<GoodRequest> GoodRequests() {
       Make("Datasets.WatchDataset", {plume + "first_step: 2 wait: true"}),
       Make("Datasets.GetHistogram", {plume + "step: 3 field: 'density'"}),
       Make("Datasets.GetHistogram", {plume + "time_ns: 9000000000"}),
+      Make("Datasets.DeleteDataset", {"dataset: 'no-such'"}, kNotFound),
       Make("Coefficients.StreamCoefficients", {plume + "step: 3 %o"}),
       Make("Coefficients.StreamCoefficients",
            {plume +

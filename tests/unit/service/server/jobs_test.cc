@@ -118,6 +118,30 @@ class JobsTest : public ServerFixture {
   std::unique_ptr<v1::Jobs::Stub> jobs_;
 };
 
+TEST_F(JobsTest, AJobKeepsItsDataset) {
+  Start();
+  datasets_ = v1::Datasets::NewStub(channel_);
+  const auto remove = [&](const std::string& token) {
+    v1::DeleteDatasetRequest request;
+    request.set_dataset("lab/other");
+    return Call<v1::Datasets::StubInterface>(
+               datasets_.get(), &v1::Datasets::StubInterface::DeleteDataset, token, request)
+        .status();
+  };
+  v1::CreateExportRequest request = PlumeExport();
+  request.set_dataset("lab/other");
+  request.set_output("lab/f.##.png");
+  *request.mutable_spec() = SmallSpec(v1::PNG, 2048);  // for a while
+  const auto job = Export("lab", request);
+  ASSERT_OK(job.status());
+  EXPECT_THAT(remove("lab"), FailsWith(absl::StatusCode::kFailedPrecondition, job->id().c_str()));
+  EXPECT_THAT(remove("all"), FailsWith(absl::StatusCode::kFailedPrecondition, "another token"));
+  ASSERT_OK(Cancel("lab", job->id()).status());
+  ASSERT_OK(Watch("lab", job->id()).status());
+  EXPECT_OK(remove("lab"));
+  EXPECT_FALSE(std::filesystem::exists(Root() + "/lab/other.zarr"));
+}
+
 TEST_F(JobsTest, FilesBecomeADatasetAndADatasetBecomesFiles) {
   Start();
   const auto ingest = Ingest("lab", LabIngest());
