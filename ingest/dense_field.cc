@@ -49,7 +49,11 @@ Status DenseField::Consume(const FrameView& reply, SlabRing* slabs, const OnSlic
     return AddRows(rows.rows, slabs->Slab(rows.slab), on_slices);
   }
   FOVEA_ASSIGN_OR_RETURN(const FieldEnd end, DecodeFieldEnd(reply));
-  rounded_ = end.rounded;
+  return End(end.rounded, on_slices);
+}
+
+Status DenseField::End(uint64_t rounded, const OnSlices& on_slices) {
+  rounded_ = rounded;
   const Int3 size = box_.Size();
   if (came_ != size.y * size.z) {
     return Internal("malformed message: {} of {} rows of voxels came", came_, size.y * size.z);

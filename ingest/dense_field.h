@@ -44,6 +44,13 @@ class DenseField {
   DenseField(const Box3& extent, int64_t slices, int64_t max_piece_bytes)
       : extent_(extent), size_(extent.Size()), slices_(slices), max_piece_bytes_(max_piece_bytes) {}
 
+  /// The same, for voxels that come from elsewhere: first what comes, then its rows in order (their
+  /// bytes may change all the while), then that all came.
+  [[nodiscard]] Status Begin(const DenseStart& start);
+  [[nodiscard]] Status AddRows(int64_t rows, std::span<const std::byte> bytes,
+                               const OnSlices& on_slices);
+  [[nodiscard]] Status End(uint64_t rounded, const OnSlices& on_slices);
+
   /// Whether kDense came: all other replies are for this.
   [[nodiscard]] bool has_begun() const { return has_begun_; }
   /// Takes the next reply: kDense, kSlab or kFieldEnd. `slabs` are the worker's, or null; whole
@@ -53,10 +60,6 @@ class DenseField {
   [[nodiscard]] StatusOr<DenseEnd> Finish();
 
  private:
-  [[nodiscard]] Status Begin(const DenseStart& start);
-  /// The next `rows` rows of the box; `bytes` holds them, and may change all the while.
-  [[nodiscard]] Status AddRows(int64_t rows, std::span<const std::byte> bytes,
-                               const OnSlices& on_slices);
   /// Zeros up to this row of the extent.
   [[nodiscard]] Status PadTo(int64_t row, const OnSlices& on_slices);
   /// Copies rows that lie side by side in the piece as well, to where next_row_ is.

@@ -52,6 +52,8 @@ struct IngestCommand {
   bool watch = false;
   ingest::WatchOptions watching;
   std::vector<std::string> arguments;  // the whole command line
+  std::optional<std::string> server;   // then ingest.output is a name there
+  client::Credentials credentials;     // for the server
 };
 
 struct SensorsCommand {

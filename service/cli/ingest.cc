@@ -13,6 +13,7 @@
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
 #include "service/cli/dataset_output.h"
+#include "service/cli/ingest_remote.h"
 
 namespace fovea::cli {
 namespace {
@@ -171,6 +172,9 @@ StatusOr<ingest::IngestReport> Make(IngestCommand* command) {
 }  // namespace
 
 Status Run(const IngestCommand& asked) {
+  if (asked.server) {
+    return UploadFiles(asked);
+  }
   if (!asked.plan.empty()) {
     return MakePlan(asked);
   }

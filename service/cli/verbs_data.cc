@@ -4,6 +4,7 @@
 #include "service/cli/console.h"
 #include "service/cli/flags.h"
 #include "service/cli/foreign_flags.h"
+#include "service/cli/ingest_remote.h"
 #include "service/cli/verbs.h"
 #include "service/frames/frames.h"
 
@@ -50,6 +51,8 @@ CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
       "  fovea ingest 'live/smoke_####.vdb' -o smoke.zarr --watch --extent -64,-64,0,64,64,256\n"
       "  fovea ingest 'smoke_####.vdb' --plan smoke.plan.json    # then, on several machines:\n"
       "  fovea ingest --from-plan smoke.plan.json --shard 0/4 -o smoke.zarr\n"
+      "  fovea ingest brain.nii.gz -o lab/brain --server 127.0.0.1:50051    # read here, kept "
+      "there\n"
       "What is committed stays, whatever happens later: Ctrl-C loses at most the step in hand, "
       "and\n"
       "the same command goes on at the first missing step.");
@@ -77,6 +80,7 @@ CLI::App* AddIngest(CLI::App* app, IngestCommand* command) {
   AddForeignFlags(verb, &command->ingest);
   AddPartFlags(verb, command);
   AddWatchFlags(verb, command);
+  AddServerFlags(verb, &command->server, &command->credentials);
   RefuseWhatCannotApply(verb, command);
   AddThreadsFlag(verb, &command->ingest.threads);
   AddOutputFlags(verb, &command->output);
@@ -89,6 +93,9 @@ Status Check(IngestCommand* command) {
   }
   if (command->plan.empty() && command->ingest.output.empty()) {
     return InvalidArgument("--output is missing: name the dataset to make (-o)");
+  }
+  if (command->server) {
+    FOVEA_RETURN_IF_ERROR(CheckUpload(*command));
   }
   if (!command->plan.empty() && (command->watch || command->ingest.append)) {
     return InvalidArgument("--plan: a plan is of a whole, new series, without {}",

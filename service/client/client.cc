@@ -12,6 +12,7 @@
 #include "service/client/frame_reader.h"
 #include "service/client/reading_sender_impl.h"
 #include "service/client/stream_reader.h"
+#include "service/client/upload_call.h"
 #include "service/frames/frames.h"
 #include "service/wire/coefficients.h"
 #include "service/wire/convert.h"
@@ -99,6 +100,7 @@ class GrpcClient final : public Client {
       const std::function<Status(const wire::CoefficientsMessage&)>& on_message) override;
   Status WatchDataset(const WatchRequest& request, const OnEvent& on_event,
                       const GoOn& go_on) override;
+  StatusOr<UploadAnswer> UploadStep(const UploadSpec& spec, const GiveVoxels& give) override;
   StatusOr<std::unique_ptr<ReadingSender>> SendReadings(const ReadingsSpec& spec) override;
 
  private:
@@ -176,6 +178,13 @@ Status GrpcClient::DeleteDataset(const std::string& dataset) {
   request.set_dataset(dataset);
   v1::DeleteDatasetResponse response;
   return Explain(wire::FromGrpc(datasets_->DeleteDataset(&context, request, &response)));
+}
+
+StatusOr<UploadAnswer> GrpcClient::UploadStep(const UploadSpec& spec, const GiveVoxels& give) {
+  auto answer = CallUploadStep(
+      *ingest_, [this](grpc::ClientContext* context) { metadata_.AddTo(context); }, spec, give);
+  FOVEA_RETURN_IF_ERROR(Explain(answer.status()));
+  return answer;
 }
 
 StatusOr<frames::Frame> GrpcClient::RenderFrame(const std::string& dataset, int64_t step,

@@ -12,6 +12,7 @@
 #include "engine/store/dataset.h"
 #include "service/client/dataset_watch.h"
 #include "service/client/reading_sender.h"
+#include "service/client/upload.h"
 #include "service/frames/spec.h"
 #include "service/wire/coefficient_messages.h"
 #include "service/wire/dataset_summary.h"
@@ -85,6 +86,10 @@ class Client : public CoefficientStreams {
   /// server refuses. If the connection is lost after an event came, it goes on where it was.
   [[nodiscard]] virtual Status WatchDataset(const WatchRequest& request, const OnEvent& on_event,
                                             const GoOn& go_on) = 0;
+  /// Sends one step of dense voxels; what `give` returns, unless the server says better why. It is
+  /// committed when this returns OK. After UNAVAILABLE (or a limit for now) call again.
+  [[nodiscard]] virtual StatusOr<UploadAnswer> UploadStep(const UploadSpec& spec,
+                                                          const GiveVoxels& give) = 0;
   /// Opens a dataset of this server for readings. It must outlive what is returned.
   [[nodiscard]] virtual StatusOr<std::unique_ptr<ReadingSender>> SendReadings(
       const ReadingsSpec& spec) = 0;

@@ -13,6 +13,8 @@ class IngestService final : public v1::Ingest::CallbackService {
 
   grpc::ServerBidiReactor<v1::StreamReadingsRequest, v1::StreamReadingsResponse>* StreamReadings(
       grpc::CallbackServerContext* context) override;
+  grpc::ServerReadReactor<v1::UploadStepRequest>* UploadStep(
+      grpc::CallbackServerContext* context, v1::UploadStepResponse* response) override;
   grpc::ServerUnaryReactor* IngestFiles(grpc::CallbackServerContext* context,
                                         const v1::IngestFilesRequest* request,
                                         v1::Job* response) override;

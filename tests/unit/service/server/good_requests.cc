@@ -48,6 +48,12 @@ constexpr char kHeader[] = R"(header {
   step_seconds: 0.1 start_seconds: 1 watermark_seconds: 0.5 most_ahead: 100 on_missing: SKIP
   duplicates: LAST least_value: -1 greatest_value: 9 reach_voxels: 8 background: 0.5
   world_unit: "m" value_unit: "K" clock: "since the start" chunk_edge: 16 })";
+constexpr char kUpload[] = R"(header {
+  dataset: "up" step: 0 time_ns: 5 frame_number: 3 nx: 2 ny: 2 nz: 3
+  fields { name: "density" type: "uint8" value_unit: "K" }
+  index_to_world: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] world_unit: "m"
+  wavelet: "haar" lossless: true chunk_edge: 16 series { id: "0123456789abcdef" steps: 4 } })";
+constexpr char kPiece[] = R"(piece { field: 0 offset: 0 data: "twelve bytes" })";
 constexpr char kBatch[] = R"(batch {
   sequence: 1 time_ns: 1100000000 time_ns: 1100000000 x: 2 x: 3 y: 2 y: 3 z: 2 z: 3 value: 1 value: 2
   complete_before_ns: 1200000000 last: true })";
@@ -129,6 +135,7 @@ std::vector<GoodRequest> GoodRequests() {
            absl::StatusCode::kFailedPrecondition),
       Make("Coefficients.StreamCoefficients", {plume + "spec { rate: 12 } resume_token: 'x'"},
            absl::StatusCode::kInvalidArgument),
+      Make("Ingest.UploadStep", {kUpload, kPiece}),
       Make("Ingest.StreamReadings", {kHeader}),
       Make("Ingest.StreamReadings", {kHeader, kBatch}),
       Make("Ingest.IngestFiles",
