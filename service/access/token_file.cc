@@ -123,6 +123,14 @@ bool IsUtf8(const std::string& text) {
   }
 }
 
+/// Whether a dataset can be named so, or lie below: parts that are not empty and do not begin with
+/// '.'. Empty: all can.
+bool CanBeDatasets(const std::string& prefix) {
+  const std::string parts = "/" + prefix + "/";
+  return prefix.empty() || (parts.find("//") == std::string::npos &&
+                            parts.find("/.") == std::string::npos && IsUtf8(prefix));
+}
+
 std::string Reason(int error) {
   return std::generic_category().message(error);
 }
@@ -139,14 +147,10 @@ Status CheckToken(const Token& token) {
     return InvalidArgument("'name' must be 1 to {} letters, digits, '-', '_' or '.'",
                            kMaxNameBytes);
   }
-  if (token.prefix.size() > kMaxPrefixBytes || token.prefix.starts_with('/') ||
-      token.prefix.ends_with('/')) {
+  if (token.prefix.size() > kMaxPrefixBytes || !CanBeDatasets(token.prefix)) {
     return InvalidArgument(
-        "'prefix' must be a dataset's name or a folder of datasets, without / at its ends; empty: "
-        "all datasets");
-  }
-  if (!IsUtf8(token.prefix)) {
-    return InvalidArgument("'prefix' must be UTF-8");
+        "'prefix' must be a dataset's name or a folder of datasets below the root ('lab/scans'), "
+        "without '..', parts that begin with '.', or / at its ends; empty: all datasets");
   }
   if (token.quotas.streams < 0 || token.quotas.pixels_per_second > kMaxQuota ||
       token.quotas.bytes_in_per_second > kMaxQuota) {

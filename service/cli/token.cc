@@ -40,7 +40,12 @@ CLI::App* AddToken(CLI::App* app, TokenCommand* command) {
 
 Status Check(TokenCommand* command) {
   command->token.right = command->rights == "write" ? access::Right::kWrite : access::Right::kRead;
-  return access::CheckToken(command->token);
+  Status status = access::CheckToken(command->token);
+  constexpr std::string_view kPrefix = "'prefix'";
+  if (MessageOf(status).starts_with(kPrefix)) {
+    status = InvalidArgument("--prefix{}", MessageOf(status).substr(kPrefix.size()));
+  }
+  return status;
 }
 
 Status Run(const TokenCommand& command) {

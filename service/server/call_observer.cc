@@ -1,16 +1,20 @@
 #include "service/server/call_observer.h"
 
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <random>
 #include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
+#include <google/protobuf/descriptor.h>
 #include <google/protobuf/message.h>
 
 #include "engine/base/stopwatch.h"
 #include "fovea/v1/render.pb.h"
 #include "service/server/log.h"
+#include "service/server/services.h"
 #include "service/wire/status.h"
 
 namespace fovea::server {
@@ -31,6 +35,40 @@ const char* ShedReason(const Status& status) {
     return "quota";
   }
   return wire::RetryDelayOf(status) ? "overload" : "too_large";
+}
+
+/// What the message, or its header, says in a field of that name; else nothing.
+std::string DatasetOf(const google::protobuf::Message& message) {
+  const auto* type = message.GetDescriptor();
+  const auto* reflection = message.GetReflection();
+  if (const auto* field = type->FindFieldByName("dataset");
+      field != nullptr && !field->is_repeated() &&
+      field->cpp_type() == google::protobuf::FieldDescriptor::CPPTYPE_STRING) {
+    return reflection->GetString(message, field);
+  }
+  const auto* header = type->FindFieldByName("header");
+  return header != nullptr && header->message_type() != nullptr && !header->is_repeated() &&
+                 reflection->HasField(message, header)
+             ? DatasetOf(reflection->GetMessage(message, header))
+             : "";
+}
+
+/// Of "/fovea.v1.Render/RenderFrame".
+bool IsMethodOfOurs(std::string path) {
+  std::replace(path.begin(), path.end(), '/', '.');
+  return path.starts_with(".fovea.v1.") &&
+         google::protobuf::DescriptorPool::generated_pool()->FindMethodByName(path.substr(1)) !=
+             nullptr;
+}
+
+/// gRPC's "ipv6:%5B::1%5D:50123" as people write it: "[::1]:50123".
+std::string ReadablePeer(std::string peer) {
+  for (const auto& [coded, plain] : {std::pair{"%5B", "["}, {"%5D", "]"}}) {
+    if (const size_t at = peer.find(coded); at != std::string::npos) {
+      peer.replace(at, 3, plain);
+    }
+  }
+  return peer.substr(peer.starts_with("ipv") ? peer.find(':') + 1 : 0);
 }
 
 }  // namespace
@@ -60,7 +98,7 @@ class ObservedCall final : public grpc::experimental::Interceptor {
 
   void Intercept(grpc::experimental::InterceptorBatchMethods* methods) override {
     if (peer_.empty()) {  // not known yet when this is made, and not any more when it goes
-      peer_ = context_.peer();
+      peer_ = ReadablePeer(context_.peer());
     }
     if (is_ours_ &&
         methods->QueryInterceptionHookPoint(InterceptionHookPoints::POST_RECV_MESSAGE)) {
@@ -70,7 +108,17 @@ class ObservedCall final : public grpc::experimental::Interceptor {
       OnSend(static_cast<const google::protobuf::Message*>(methods->GetSendMessage()));
     }
     if (methods->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) {
-      End(wire::FromGrpc(methods->GetSendStatus()));
+      Status status = wire::FromGrpc(methods->GetSendStatus());
+      if (absl::IsUnimplemented(status) && status.message().empty() && IsMethodOfOurs(path_)) {
+        // gRPC says this of bytes that are no message of a method that we have; our own have words.
+        status = context_.IsCancelled()
+                     ? Cancelled("the client was gone before its request came")
+                     : InvalidArgument("the request is no message of this method");
+        methods->ModifySendStatus(wire::ToGrpc(status));
+      } else if (absl::IsCancelled(status) && observer_.cutting_short_) {
+        status = DrainingError();  // it was not the client who ended it
+      }
+      End(status);
     }
     methods->Proceed();
   }
@@ -78,13 +126,18 @@ class ObservedCall final : public grpc::experimental::Interceptor {
   /// With the observer's mutex held.
   void Describe(const std::string& client, const std::string& dataset) {
     client_ = client;
-    dataset_ = dataset;
+    dataset_ = dataset.empty() ? dataset_ : dataset;
   }
 
  private:
   void OnReceived(const google::protobuf::Message* message) {
-    if (message != nullptr) {  // null at the end of a client's stream
-      method_.Received(static_cast<int64_t>(message->ByteSizeLong()));
+    if (message == nullptr) {  // at the end of a client's stream
+      return;
+    }
+    method_.Received(static_cast<int64_t>(message->ByteSizeLong()));
+    const std::lock_guard lock(observer_.mutex_);
+    if (dataset_.empty()) {  // streams learn it from their first message
+      dataset_ = DatasetOf(*message);
     }
   }
 

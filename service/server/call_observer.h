@@ -1,6 +1,7 @@
 #ifndef SERVICE_SERVER_CALL_OBSERVER_H_
 #define SERVICE_SERVER_CALL_OBSERVER_H_
 
+#include <atomic>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -30,10 +31,14 @@ class CallObserver {
   void Describe(const grpc::ServerContextBase& context, const std::string& client,
                 const std::string& dataset);
 
+  /// From now on the server ends calls itself: a cancelled one is not its client's doing.
+  void CutShort() { cutting_short_ = true; }
+
  private:
   friend class ObservedCall;
 
   Metrics& metrics_;
+  std::atomic<bool> cutting_short_ = false;
   std::mutex mutex_;
   std::unordered_map<const grpc::ServerContextBase*, ObservedCall*> running_;  // guarded by mutex_
 };

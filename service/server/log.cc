@@ -44,8 +44,11 @@ class JsonFormatter final : public spdlog::formatter {
                                   spdlog::pattern_time_type::utc, ""};
 };
 
-spdlog::level::level_enum LevelOf(absl::StatusCode code) {
-  switch (code) {
+spdlog::level::level_enum LevelOf(const CallLine& call) {
+  if (absl::IsNotFound(call.status) && call.method.ends_with("/Acknowledge")) {
+    return spdlog::level::debug;  // a client cannot know which frame was the last
+  }
+  switch (call.status.code()) {
     case absl::StatusCode::kOk:
       return spdlog::level::debug;
     case absl::StatusCode::kResourceExhausted:
@@ -79,7 +82,7 @@ void SetUpLog(const std::string& level, LogFormat format) {
 }
 
 void LogCall(const CallLine& call) {
-  const auto level = LevelOf(call.status.code());
+  const auto level = LevelOf(call);
   const auto logger = spdlog::get(kCallLogger);  // none in tests that set up no log
   if (logger != nullptr && logger->should_log(level)) {
     logger->log(level, "{}", FormatCall(call, log_format));

@@ -21,7 +21,7 @@ struct CallLine {
   std::string_view method;      // "fovea.v1.Render/RenderFrame"
   std::string_view request_id;  // what the client got as `fovea-request-id`
   std::string_view client;      // the token's name, else the address; empty if it was not let in
-  std::string_view peer;        // as gRPC has it
+  std::string_view peer;        // "127.0.0.1:50123"
   std::string_view dataset;     // as the client wrote it; may be empty
   double ms = 0;
   int64_t bytes_sent = 0;

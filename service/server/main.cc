@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdio>
 #include <string>
+#include <thread>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
@@ -21,10 +22,11 @@ constexpr int kExitFailed = 1;
 constexpr int kExitUsage = 2;
 
 constexpr char kFooter[] =
-    "Serves fovea.v1 (Datasets, Ingest, Jobs, Render), grpc.health.v1 and reflection over every "
-    "NAME.zarr below\n"
-    "ROOT. The first line on stdout is 'fovead listening on grpc ADDR:PORT'; the log goes to\n"
-    "stderr. SIGTERM or Ctrl-C: no new calls, running ones finish; a second one stops at once.\n\n"
+    "Serves fovea.v1 (Coefficients, Datasets, Ingest, Jobs, Render), grpc.health.v1 and "
+    "reflection\n"
+    "over every NAME.zarr below ROOT. The first line on stdout is 'fovead listening on grpc\n"
+    "ADDR:PORT'; the log goes to stderr. SIGTERM or Ctrl-C: no new calls, running ones\n"
+    "finish; a second one stops at once.\n\n"
     "Examples:\n"
     "  fovead ~/volumes\n"
     "  fovead ~/volumes --listen 127.0.0.1:0 --threads 4\n"
@@ -35,6 +37,7 @@ constexpr char kFooter[] =
 
 struct Flags {
   ServerOptions server;
+  int drain_delay_seconds = 0;
   int drain_seconds = 30;
   std::string log_level = "info";
   std::string log_format = "text";
@@ -81,6 +84,7 @@ void AddWritingFlags(CLI::App& app, Flags* flags) {
 
 void AddFlags(CLI::App& app, Flags* flags) {
   app.footer(kFooter);
+  app.set_version_flag("--version", "fovead " FOVEA_VERSION);
   app.add_option("ROOT", flags->server.root, "Directory; its datasets are NAME.zarr, at any depth")
       ->required();
   app.add_option("--listen", flags->server.listen, "HOST:PORT; port 0 takes any free one")
@@ -111,6 +115,12 @@ void AddFlags(CLI::App& app, Flags* flags) {
   app.add_option("--max-connections-per-address", flags->server.max_connections_per_address,
                  "Of these, from one IPv4 address or one /64 of IPv6")
       ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option(
+         "--drain-delay-seconds", flags->drain_delay_seconds,
+         "How long calls are still taken after SIGTERM, while /readyz and the health service "
+         "say no: until balancers have noticed")
+      ->check(CLI::Range(0, 3600))
       ->capture_default_str();
   app.add_option("--drain-seconds", flags->drain_seconds,
                  "How long running calls may go on after SIGTERM")
@@ -171,9 +181,15 @@ int Serve(const Flags& flags) {
 
   int signal_number = 0;
   sigwait(&stop, &signal_number);
+  StopAtOnceOn(stop);
+  if (flags.drain_delay_seconds > 0) {
+    spdlog::info("{}: not ready any more; calls are taken for {} s", strsignal(signal_number),
+                 flags.drain_delay_seconds);
+    (*server)->SayNotReady();
+    std::this_thread::sleep_for(std::chrono::seconds(flags.drain_delay_seconds));
+  }
   spdlog::info("{}: no new calls; running ones may take {} s", strsignal(signal_number),
                flags.drain_seconds);
-  StopAtOnceOn(stop);
   const int64_t cut = (*server)->Drain(std::chrono::seconds(flags.drain_seconds));
   spdlog::info("stopped; {} frames rendered, {} calls cut short", (*server)->frames_rendered(),
                cut);
@@ -186,8 +202,11 @@ int Main(int argc, char** argv) {
   AddFlags(app, &flags);
   try {
     app.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    return app.exit(help);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kExitUsage;
+    fmt::print(stderr, "fovead: {}\nRun with --help for more information.\n", error.what());
+    return kExitUsage;
   }
   SetUpLog(flags.log_level, flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
   return Serve(flags);

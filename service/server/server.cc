@@ -253,15 +253,23 @@ class GrpcServer final : public Server {
   size_t dataset_count() const override { return services_.catalogue->size(); }
   uint64_t frames_rendered() const override { return services_.frames_rendered.load(); }
 
-  int64_t Drain(std::chrono::milliseconds limit) override {
+  void SayNotReady() override {
     const std::lock_guard lock(drain_mutex_);
     if (server_ == nullptr) {
-      return 0;
+      return;
     }
     if (admin_ != nullptr) {
       admin_->SetState(AdminServer::State::kDraining);
     }
     server_->GetHealthCheckService()->SetServingStatus(false);
+  }
+
+  int64_t Drain(std::chrono::milliseconds limit) override {
+    SayNotReady();
+    const std::lock_guard lock(drain_mutex_);
+    if (server_ == nullptr) {
+      return 0;
+    }
     services_.calls.StopAdmitting();
     services_.steps.Close();  // what has no end of its own
     if (services_.jobs != nullptr) {
@@ -271,6 +279,7 @@ class GrpcServer final : public Server {
     if (admin_ != nullptr) {
       admin_->SetMetrics(nullptr);  // what they tell of goes
     }
+    services_.observer.CutShort();
     acceptor_.reset();
     // Only now are connections closed: a balancer that saw GOAWAY first would cut streams short.
     server_->Shutdown(std::chrono::system_clock::now());

@@ -51,6 +51,8 @@ class Server {
   /// Frames rendered since the start, sent or not.
   [[nodiscard]] virtual uint64_t frames_rendered() const = 0;
 
+  /// Reports NOT_SERVING, and serves on: balancers have time to notice before Drain.
+  virtual void SayNotReady() = 0;
   /// Reports NOT_SERVING, refuses new calls with UNAVAILABLE, lets running ones finish for at most
   /// `limit`, cancels the rest, and stops. Returns how many were cancelled.
   virtual int64_t Drain(std::chrono::milliseconds limit) = 0;

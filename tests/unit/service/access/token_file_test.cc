@@ -90,11 +90,15 @@ TEST(TokenFileTest, IsWrittenWholeAndForItsOwnerAlone) {
   EXPECT_THAT(ReadTokenFile(path), FailsWith(absl::StatusCode::kInvalidArgument, path.c_str()));
 }
 
-TEST(TokenFileTest, APrefixThatIsNoTextIsRefused) {
+TEST(TokenFileTest, APrefixThatCanMatchNothingIsRefused) {
   Token token;
   token.name = "a";
-  token.prefix = "lab/\xFF";
-  EXPECT_THAT(CheckToken(token), FailsWith(absl::StatusCode::kInvalidArgument, "'prefix'"));
+  for (const char* prefix : {"lab/\xFF", "../x", "lab/..", "lab//a", "/lab", "lab/", ".lab"}) {
+    token.prefix = prefix;
+    EXPECT_THAT(CheckToken(token), FailsWith(absl::StatusCode::kInvalidArgument, "'prefix'"));
+  }
+  token.prefix = "lab/a.b/\xC3\xBC c";
+  EXPECT_OK(CheckToken(token));
 }
 
 TEST(TokenTest, TokensAreLongAndNeverTheSame) {

@@ -151,6 +151,19 @@ TEST_F(AdminTest, RefusalsAreCountedByTheirReason) {
   EXPECT_EQ(samples["fovea_shed_total{reason=\"overload\"}"], 0);
 }
 
+TEST_F(AdminTest, BytesThatAreNoMessageAreTheClientsFault) {
+  grpc::GenericStub stub(channel_);
+  grpc::ClientContext context;
+  const grpc::Slice bytes("\xFF\xFF\xFF");
+  const grpc::ByteBuffer request(&bytes, 1);
+  grpc::ByteBuffer response;
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(&context, "/fovea.v1.Render/RenderFrame", grpc::StubOptions(), &request, &response,
+                 [&](grpc::Status status) { done.set_value(std::move(status)); });
+  EXPECT_THAT(wire::FromGrpc(done.get_future().get()),
+              FailsWith(absl::StatusCode::kInvalidArgument, "no message of this method"));
+}
+
 TEST_F(AdminTest, ClientsCannotMakeUpLabels) {
   grpc::GenericStub stub(channel_);
   for (const char* method : {"/fovea.v1.Render/Nothing", "/a\"b/c", "/x/y"}) {

@@ -158,9 +158,8 @@ class FuzzedMessagesTest : public ServerFixture {
       case absl::StatusCode::kAborted:
         ADD_FAILURE() << what;
         break;
-      case absl::StatusCode::kInternal:
-      case absl::StatusCode::kUnimplemented:  // gRPC's answers to bytes that are no message, or
-                                              // none
+      case absl::StatusCode::kInternal:       // gRPC's answers to bytes that are no message, or
+      case absl::StatusCode::kUnimplemented:  // none
         EXPECT_FALSE(call.messages.size() == 1 && Parses(good, call.messages.front())) << what;
         break;
       default:
