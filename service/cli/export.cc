@@ -13,7 +13,7 @@ namespace {
 
 constexpr int64_t kOrbitFramesOfOneStep = 120;
 
-StatusOr<exports::Animation> ReadAnimation(const std::string& path) {
+StatusOr<frames::Animation> ReadAnimation(const std::string& path) {
   constexpr size_t kMaxBytes = 16 << 20;
   std::ifstream file(path, std::ios::binary);
   if (!file) {
@@ -22,21 +22,21 @@ StatusOr<exports::Animation> ReadAnimation(const std::string& path) {
   std::string text(kMaxBytes, '\0');
   file.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<size_t>(file.gcount()));
-  auto animation = exports::Animation::Parse(text);
+  auto animation = frames::Animation::Parse(text);
   return animation.ok() ? std::move(animation)
                         : Annotate(animation.status(), fmt::format("--animation: {}", path));
 }
 
 /// `spec` is resolved, `steps` is how many the range holds.
-exports::Animation OrbitOf(const ExportCommand& command, const frames::FrameSpec& spec,
+frames::Animation OrbitOf(const ExportCommand& command, const frames::FrameSpec& spec,
                            const Matrix4& index_to_world, int64_t steps) {
   const int64_t usual = steps == 1 ? kOrbitFramesOfOneStep : steps;
   const int64_t frames = command.orbit_frames.value_or(usual);
   if (spec.view.perspective) {
-    return exports::Animation::Orbit(*spec.view.perspective, index_to_world, *command.orbit_deg,
+    return frames::Animation::Orbit(*spec.view.perspective, index_to_world, *command.orbit_deg,
                                      frames);
   }
-  return exports::Animation::Orbit(*spec.view.azimuth_deg, *spec.view.elevation_deg,
+  return frames::Animation::Orbit(*spec.view.azimuth_deg, *spec.view.elevation_deg,
                                    *command.orbit_deg, frames);
 }
 

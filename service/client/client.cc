@@ -51,6 +51,9 @@ v1::RenderSequenceRequest ToProto(const SequenceRequest& request) {
   }
   proto.set_start_index(request.start_index);
   proto.set_window(request.window);
+  if (request.path) {
+    *proto.mutable_path() = wire::ToProto(*request.path);
+  }
   return proto;
 }
 
@@ -247,6 +250,9 @@ Status GrpcClient::RenderSequence(const SequenceRequest& request, const OnFrame&
     }
     proto.set_start_index(progress.next_index);
     *proto.mutable_spec() = wire::ToProto(progress.used);
+    if (request.path) {  // the view of the last frame is not what the path began with
+      *proto.mutable_spec()->mutable_view() = wire::ToProto(request.spec).view();
+    }
   }
 }
 

@@ -13,6 +13,7 @@
 #include "service/client/dataset_watch.h"
 #include "service/client/reading_sender.h"
 #include "service/client/upload.h"
+#include "service/frames/animation.h"
 #include "service/frames/spec.h"
 #include "service/wire/coefficient_messages.h"
 #include "service/wire/dataset_summary.h"
@@ -34,6 +35,8 @@ struct SequenceRequest {
   /// After the last committed step it goes on with each new one, or the newest of several, whenever
   /// that comes. With `first` 0 it begins with the last committed step; without `last`.
   bool follow = false;
+  /// Its frames over these steps, instead of one a step; at most Animation::kMaxSentKeys keys.
+  std::optional<frames::Animation> path{};
 };
 
 /// How to be let in. Empty paths stand for nothing.

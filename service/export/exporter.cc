@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -90,23 +91,37 @@ void AddFrame(const frames::Frame& frame, ExportReport* report) {
   }
 }
 
-/// Renders the planned frames in order, those with one spec together. One that cannot be rendered
+/// The end of the frames from `begin` on that a provider can be asked for at once: those of a shot
+/// that follow each other, or all with one spec.
+size_t RunEnd(const std::vector<PlannedFrame>& planned, size_t begin, bool of_shot) {
+  size_t end = begin + 1;
+  while (end < planned.size() && (of_shot ? planned[end].index == planned[end - 1].index + 1
+                                          : planned[end].spec == planned[begin].spec)) {
+    ++end;
+  }
+  return end;
+}
+
+/// Renders the planned frames in order, as many together as can be. One that cannot be rendered
 /// is told to `on_failure`, if there is one, and left out; what `use` returns ends it all.
 Status RenderPlanned(FrameProvider& provider, const std::vector<PlannedFrame>& planned,
+                     const std::optional<Shot>& shot,
                      const std::function<Status(const PlannedFrame&, const frames::Frame&)>& use,
                      const std::function<void(const PlannedFrame&, const Status&)>& on_failure) {
   for (size_t next = 0; next < planned.size();) {
-    const frames::FrameSpec& spec = planned[next].spec;
-    std::vector<int64_t> steps;
-    for (size_t i = next; i < planned.size() && planned[i].spec == spec; ++i) {
-      steps.push_back(planned[i].step);
-    }
-    const size_t end = next + steps.size();
+    const size_t end = RunEnd(planned, next, shot.has_value());
     Status used;
-    const Status rendered = provider.RenderEach(steps, spec, [&](const frames::Frame& frame) {
+    const auto on_frame = [&](const frames::Frame& frame) {
       used = use(planned[next++], frame);
       return used;
-    });
+    };
+    std::vector<int64_t> steps;
+    for (size_t i = next; i < end; ++i) {
+      steps.push_back(planned[i].step);
+    }
+    const Status rendered =
+        shot ? provider.RenderShot(*shot, planned[next].index, planned[end - 1].index + 1, on_frame)
+             : provider.RenderEach(steps, planned[next].spec, on_frame);
     FOVEA_RETURN_IF_ERROR(used);
     if (!rendered.ok() && (on_failure == nullptr || next == end)) {
       return rendered;
@@ -181,8 +196,8 @@ StatusOr<std::vector<PlannedFrame>> NotDone(const std::vector<PlannedFrame>& pla
 }
 
 Status ExportPictures(FrameProvider& provider, const ExportOptions& options,
-                      const std::vector<PlannedFrame>& planned, const Manifest& manifest,
-                      const OnProgress& progress, ExportReport* report) {
+                      const std::vector<PlannedFrame>& planned, const std::optional<Shot>& shot,
+                      const Manifest& manifest, const OnProgress& progress, ExportReport* report) {
   FOVEA_ASSIGN_OR_RETURN(const PictureFormat format, PictureFormatOf(options.output));
   std::vector<PlannedFrame> mine;
   for (const PlannedFrame& frame : planned) {
@@ -200,7 +215,7 @@ Status ExportPictures(FrameProvider& provider, const ExportOptions& options,
   FOVEA_ASSIGN_OR_RETURN(const std::vector<PlannedFrame> todo,
                          NotDone(mine, manifest, options.overwrite, report));
   return RenderPlanned(
-      provider, todo,
+      provider, todo, shot,
       [&](const PlannedFrame& planned_frame, const frames::Frame& frame) -> Status {
         FOVEA_RETURN_IF_ERROR(WritePicture(planned_frame.path, format, frame));
         AddFrame(frame, report);
@@ -214,8 +229,8 @@ Status ExportPictures(FrameProvider& provider, const ExportOptions& options,
 }
 
 Status ExportMovie(FrameProvider& provider, const ExportOptions& options,
-                   const std::vector<PlannedFrame>& planned, const Manifest& manifest,
-                   const OnProgress& progress, ExportReport* report) {
+                   const std::vector<PlannedFrame>& planned, const std::optional<Shot>& shot,
+                   const Manifest& manifest, const OnProgress& progress, ExportReport* report) {
   report->frames_total = static_cast<int64_t>(planned.size());
   report->first_path = options.output;
   report->last_path = options.output;
@@ -232,7 +247,7 @@ Status ExportMovie(FrameProvider& provider, const ExportOptions& options,
       MovieWriter::Open(options.output, static_cast<int>(*planned[0].spec.width_px),
                         static_cast<int>(*planned[0].spec.height_px), report->frames_per_second));
   const Status rendered = RenderPlanned(
-      provider, planned,
+      provider, planned, shot,
       [&](const PlannedFrame&, const frames::Frame& frame) -> Status {
         FOVEA_RETURN_IF_ERROR(writer->Write(frame.pixels));
         AddFrame(frame, report);
@@ -271,14 +286,18 @@ StatusOr<ExportReport> Export(FrameProvider& provider, const ExportOptions& opti
 
   FOVEA_RETURN_IF_ERROR(CheckPlanned(provider.info(), planned));
 
+  std::optional<Shot> shot;
+  if (options.animation) {
+    shot.emplace(Shot{*options.animation, spec, range.front(), range.back(), options.stride});
+  }
   ExportReport report;
   report.frames_per_second =
       options.frames_per_second.value_or(options.animation ? 24 : NaturalFrameRate(steps));
   const Manifest manifest(ManifestStem(options.output),
                           SettingsOf(provider, options, planned, report.frames_per_second));
   FOVEA_RETURN_IF_ERROR(
-      movie ? ExportMovie(provider, options, planned, manifest, progress, &report)
-            : ExportPictures(provider, options, planned, manifest, progress, &report));
+      movie ? ExportMovie(provider, options, planned, shot, manifest, progress, &report)
+            : ExportPictures(provider, options, planned, shot, manifest, progress, &report));
   return report;
 }
 

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "engine/base/status.h"
-#include "service/export/animation.h"
 #include "service/export/frame_provider.h"
+#include "service/frames/animation.h"
 #include "service/frames/spec.h"
 
 /// A sequence of frames as numbered pictures or as a movie.
@@ -29,9 +29,9 @@ struct ExportOptions {
   std::optional<int64_t> last;  // included; absent: the last committed step
   int64_t stride = 1;
   frames::FrameSpec spec;
-  std::optional<Animation> animation;        // frames of its own, over the steps above
-  std::optional<double> frames_per_second;   // movies; absent: from the times of the steps, or 24
-  int64_t shard_index = 0, shard_count = 1;  // only frames with index % count == this; pictures
+  std::optional<frames::Animation> animation;  // frames of its own, over the steps above
+  std::optional<double> frames_per_second;     // movies; absent: from the times of the steps, or 24
+  int64_t shard_index = 0, shard_count = 1;    // only frames with index % count == this; pictures
   bool overwrite = false;
   /// Called for a picture that could not be rendered, which is then left out; empty: it ends the
   /// export. Not for movies, nor for files that cannot be written.

@@ -11,6 +11,7 @@
 #include "engine/base/status.h"
 #include "engine/store/dataset.h"
 #include "service/client/client.h"
+#include "service/frames/animation.h"
 #include "service/frames/spec.h"
 
 namespace fovea::exports {
@@ -20,6 +21,18 @@ struct StepInfo {
   int64_t step = 0;
   int64_t time_ns = 0;
   std::optional<int64_t> frame_number;
+};
+
+/// An animation over the steps first, first + stride ... last.
+struct Shot {
+  const frames::Animation& animation;
+  const frames::FrameSpec& spec;  // resolved; what of it the animation does not say
+  int64_t first = 0, last = 0, stride = 1;
+
+  [[nodiscard]] int64_t StepAt(int64_t frame) const {
+    const int64_t count = (last - first) / stride + 1;
+    return animation.StepAt(frame).value_or(first + stride * animation.PlaceIn(count, frame));
+  }
 };
 
 /// Where the frames of one dataset come from: the engine in this process, or a server. Both give
@@ -42,6 +55,10 @@ class FrameProvider {
   [[nodiscard]] virtual Status RenderEach(
       const std::vector<int64_t>& steps, const frames::FrameSpec& spec,
       const std::function<Status(const frames::Frame&)>& on_frame) = 0;
+  /// The frames `begin` to `end` - 1 of a shot, in order, as RenderEach.
+  [[nodiscard]] virtual Status RenderShot(
+      const Shot& shot, int64_t begin, int64_t end,
+      const std::function<Status(const frames::Frame&)>& on_frame);
 };
 
 /// Renders here. `threads` as in frames::RenderFrame.

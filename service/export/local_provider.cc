@@ -81,6 +81,19 @@ class LocalProvider final : public FrameProvider {
 
 }  // namespace
 
+Status FrameProvider::RenderShot(const Shot& shot, int64_t begin, int64_t end,
+                                 const std::function<Status(const frames::Frame&)>& on_frame) {
+  while (begin < end) {
+    const frames::FrameSpec spec = shot.animation.SpecAt(begin, shot.spec);
+    std::vector<int64_t> steps;
+    do {
+      steps.push_back(shot.StepAt(begin++));
+    } while (begin < end && shot.animation.SpecAt(begin, shot.spec) == spec);
+    FOVEA_RETURN_IF_ERROR(RenderEach(steps, spec, on_frame));
+  }
+  return absl::OkStatus();
+}
+
 StatusOr<std::unique_ptr<FrameProvider>> OpenLocal(const std::string& path, int threads) {
   FOVEA_ASSIGN_OR_RETURN(auto dataset, store::Dataset::Open(path));
   FOVEA_ASSIGN_OR_RETURN(frames::FrameSpec defaults, frames::DefaultSpec(*dataset));

@@ -25,16 +25,15 @@ bool NumbersAreDistinct(const std::vector<StepInfo>& steps) {
   return true;
 }
 
-StatusOr<std::vector<PlannedFrame>> PlanAnimation(const Animation& animation,
+StatusOr<std::vector<PlannedFrame>> PlanAnimation(const frames::Animation& animation,
                                                   const std::vector<StepInfo>& steps,
                                                   int64_t committed_steps,
                                                   const frames::FrameSpec& spec) {
   std::vector<PlannedFrame> planned;
   const auto count = static_cast<int64_t>(steps.size());
   for (int64_t frame = 0; frame < animation.frames(); ++frame) {
-    // Without a step in the keys, the frames are spread evenly over the range.
-    const int64_t spread = steps[static_cast<size_t>(frame * count / animation.frames())].step;
-    const int64_t step = animation.StepAt(frame).value_or(spread);
+    const auto place = static_cast<size_t>(animation.PlaceIn(count, frame));
+    const int64_t step = animation.StepAt(frame).value_or(steps[place].step);
     if (step >= committed_steps) {
       return OutOfRange(
           "step {} of the animation's frame {} is not there: the dataset has steps 0 "

@@ -83,33 +83,57 @@ class RemoteProvider final : public FrameProvider {
                                                   : Stream(steps, spec, on_frame);
   }
 
+  Status RenderShot(const Shot& shot, int64_t begin, int64_t end,
+                    const std::function<Status(const frames::Frame&)>& on_frame) override {
+    const frames::Animation& path = shot.animation;
+    if (transport_ == Transport::kCoefficients || path.keys().size() > path.kMaxSentKeys) {
+      return FrameProvider::RenderShot(shot, begin, end, on_frame);
+    }
+    client::SequenceRequest request;
+    request.first = shot.first;
+    request.last = shot.last;
+    request.stride = shot.stride;
+    request.path = path;
+    request.start_index = static_cast<uint64_t>(begin);
+    return StreamFrames(std::move(request), static_cast<size_t>(end - begin), shot.spec, on_frame);
+  }
+
  private:
   [[nodiscard]] Status Stream(const std::vector<int64_t>& steps, const frames::FrameSpec& spec,
                               const std::function<Status(const frames::Frame&)>& on_frame) {
     for (size_t begin = 0; begin < steps.size();) {
       const size_t length = RunLength(steps, begin);
       client::SequenceRequest request;
-      request.dataset = summary_.name;
       request.first = steps[begin];
       request.last = steps[begin + length - 1];
       request.stride = length > 1 ? steps[begin + 1] - steps[begin] : 1;
-      request.spec = AsSent(spec);
-      Status stopped;
-      size_t received = 0;
-      FOVEA_RETURN_IF_ERROR(client_->RenderSequence(request, [&](const frames::Frame& frame) {
-        const auto wanted = AsWanted(frame, spec);
-        stopped = wanted.ok() ? on_frame(*wanted) : wanted.status();
-        ++received;
-        return stopped.ok();
-      }));
-      FOVEA_RETURN_IF_ERROR(stopped);
-      if (received != length) {
-        return Unavailable("{}: the stream ended after {} of {} frames", identity_, received,
-                           length);
-      }
+      FOVEA_RETURN_IF_ERROR(StreamFrames(std::move(request), length, spec, on_frame));
       begin += length;
     }
     return absl::OkStatus();
+  }
+
+  /// `count` frames of a request, its dataset and spec to be filled in.
+  [[nodiscard]] Status StreamFrames(client::SequenceRequest request, size_t count,
+                                    const frames::FrameSpec& spec,
+                                    const std::function<Status(const frames::Frame&)>& on_frame) {
+    request.dataset = summary_.name;
+    request.spec = AsSent(spec);
+    // The rest of a path is not wanted; all else ends by itself.
+    const bool cut =
+        request.path && static_cast<int64_t>(request.start_index + count) < request.path->frames();
+    Status stopped;
+    size_t received = 0;
+    FOVEA_RETURN_IF_ERROR(client_->RenderSequence(request, [&](const frames::Frame& frame) {
+      const auto wanted = AsWanted(frame, spec);
+      stopped = wanted.ok() ? on_frame(*wanted) : wanted.status();
+      ++received;
+      return stopped.ok() && !(cut && received == count);
+    }));
+    FOVEA_RETURN_IF_ERROR(stopped);
+    return received == count ? absl::OkStatus()
+                             : Unavailable("{}: the stream ended after {} of {} frames", identity_,
+                                           received, count);
   }
 
   [[nodiscard]] StatusOr<frames::Frame> RenderHere(int64_t step, const frames::FrameSpec& spec) {

@@ -200,7 +200,7 @@ StatusOr<exports::ExportOptions> ExportOptionsOf(const v1::CreateExportRequest& 
                                       kMaxAnimationBytes));
   }
   if (!request.animation_json().empty()) {
-    auto animation = exports::Animation::Parse(request.animation_json());
+    auto animation = frames::Animation::Parse(request.animation_json());
     if (!animation.ok()) {
       return wire::BadField("animation_json", MessageOf(animation.status()));
     }

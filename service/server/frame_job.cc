@@ -46,12 +46,18 @@ StatusOr<int64_t> ChooseStep(const std::string& dataset_name, store::Dataset& da
 
 StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset,
                                 const frames::FrameSpec& spec) {
+  FOVEA_ASSIGN_OR_RETURN(auto served, catalogue.Find(dataset));
+  FOVEA_RETURN_IF_ERROR(wire::CheckStep(dataset, 0, served->dataset().info().committed_steps));
+  FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, served->DefaultSpec());
+  return PrepareFrame(std::move(served), spec, defaults);
+}
+
+StatusOr<FrameJob> PrepareFrame(std::shared_ptr<ServedDataset> dataset,
+                                const frames::FrameSpec& spec, const frames::FrameSpec& defaults) {
   FrameJob job;
-  FOVEA_ASSIGN_OR_RETURN(job.dataset, catalogue.Find(dataset));
+  job.dataset = std::move(dataset);
   store::Dataset& store = job.dataset->dataset();
   const store::DatasetInfo info = store.info();
-  FOVEA_RETURN_IF_ERROR(wire::CheckStep(dataset, 0, info.committed_steps));
-  FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, job.dataset->DefaultSpec());
   auto resolved = frames::ResolveSpec(store, spec, defaults);
   FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(resolved.status(), "spec"));
   job.spec = *std::move(resolved);

@@ -36,6 +36,12 @@ struct FrameJob {
 [[nodiscard]] StatusOr<FrameJob> PrepareFrame(Catalogue& catalogue, const std::string& dataset,
                                               const frames::FrameSpec& spec);
 
+/// The same for a dataset that is known. Reads the disk only for what neither `spec` nor `defaults`
+/// says: the defaults of another field, the transfer function of a color_field.
+[[nodiscard]] StatusOr<FrameJob> PrepareFrame(std::shared_ptr<ServedDataset> dataset,
+                                              const frames::FrameSpec& spec,
+                                              const frames::FrameSpec& defaults);
+
 /// Renders one step and makes the message of it.
 [[nodiscard]] StatusOr<v1::Frame> RenderJob(const FrameJob& job, int64_t step, uint64_t index,
                                             int threads);

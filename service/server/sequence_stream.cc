@@ -1,5 +1,6 @@
 #include "service/server/sequence_stream.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace fovea::server {
@@ -45,7 +46,7 @@ void SequenceStream::Open() {
   Handle([&](SequencePacer& pacer) {
     return !status.ok()      ? pacer.OnOpenFailed(status)
            : request_.follow ? pacer.OnOpenedToFollow(first, series_.count)
-                             : pacer.OnOpened(first, series_.count);
+                             : pacer.OnOpened(first, FrameCount());
   });
   if (status.ok() && request_.follow) {
     services_.steps.Subscribe(request_.dataset, weak_from_this());
@@ -67,22 +68,58 @@ Status SequenceStream::Prepare() {
   FOVEA_ASSIGN_OR_RETURN(job_, PrepareFrame(*services_.catalogue, request_.dataset, request_.spec));
   const int64_t committed = job_.dataset->dataset().info().committed_steps;
   FOVEA_ASSIGN_OR_RETURN(series_, wire::ResolveSteps(request_, committed));
-  FOVEA_ASSIGN_OR_RETURN(reservation_, services_.replies.Reserve(kFramesHeld * job_.reply_bytes));
+  if (request_.path) {
+    FOVEA_RETURN_IF_ERROR(PreparePath(committed));
+  }
+  const std::lock_guard lock(mutex_);
+  return Reserve(job_);
+}
+
+Status SequenceStream::PreparePath(int64_t committed_steps) {
+  FOVEA_ASSIGN_OR_RETURN(path_, wire::ResolvePath(request_, series_, committed_steps));
+  // All else that would be looked up is in job_.spec, which JobOf falls back on.
+  path_spec_ = request_.spec;
+  path_spec_.color_transfer = job_.spec.color_transfer;
+  for (size_t i = 0; i < path_->keys().size(); ++i) {
+    const int64_t frame = std::min(path_->keys()[i].frame, path_->frames() - 1);
+    FOVEA_RETURN_IF_ERROR(wire::PointAtKeyframe(JobOf(frame).status(), i));
+  }
+  FOVEA_ASSIGN_OR_RETURN(job_, JobOf(0));
   return absl::OkStatus();
 }
 
-void SequenceStream::Render(int64_t index, int threads) {
+StatusOr<FrameJob> SequenceStream::JobOf(int64_t index) const {
+  return path_ ? PrepareFrame(job_.dataset, path_->SpecAt(index, path_spec_), job_.spec) : job_;
+}
+
+int64_t SequenceStream::StepOf(int64_t index) const {
+  if (!path_) {
+    return series_.StepAt(index);
+  }
+  return path_->StepAt(index).value_or(series_.StepAt(path_->PlaceIn(series_.count, index)));
+}
+
+Status SequenceStream::Reserve(const FrameJob& job) {
+  const int64_t bytes = kFramesHeld * job.reply_bytes;
+  if (bytes > reserved_bytes_) {
+    FOVEA_ASSIGN_OR_RETURN(reservation_, services_.replies.Reserve(bytes));
+    reserved_bytes_ = bytes;
+  }
+  return absl::OkStatus();
+}
+
+void SequenceStream::Render(const FrameJob& job, int64_t index, int threads) {
   {
     const std::lock_guard lock(mutex_);
     if (pacer_.over()) {
       return;
     }
   }
-  if (const Status allowed = caller_->TakePixels(job_.pixels); !allowed.ok()) {
+  if (const Status allowed = caller_->TakePixels(job.pixels); !allowed.ok()) {
     Handle([&](SequencePacer& pacer) { return pacer.OnRendered(allowed); });
     return;
   }
-  auto frame = RenderJob(job_, series_.StepAt(index), static_cast<uint64_t>(index), threads);
+  auto frame = RenderJob(job, StepOf(index), static_cast<uint64_t>(index), threads);
   services_.frames_rendered.fetch_add(1, std::memory_order_relaxed);
   Handle([&](SequencePacer& pacer) {
     if (frame.ok()) {
@@ -119,26 +156,37 @@ void SequenceStream::Act(SequencePacer::Actions actions) {
 }
 
 void SequenceStream::SubmitRender(int64_t index) {
-  auto job = [self = shared_from_this(), index](int threads) { self->Render(index, threads); };
-  Status refused;
-  {
+  auto job = JobOf(index);
+  Status refused = job.status();
+  if (refused.ok()) {
     const std::lock_guard lock(mutex_);
     if (pacer_.over()) {
       return;
     }
-    asked_ = Stopwatch();
-    // Only the first frame of a stream asks to be let in.
-    if (index == static_cast<int64_t>(request_.start_index)) {
-      const auto ticket = services_.renders.Submit(job_.render_bytes, std::move(job), client_);
-      ticket_ = ticket.ok() ? *ticket : 0;
-      refused = ticket.status();
-    } else {
-      ticket_ = services_.renders.SubmitAdmitted(job_.render_bytes, std::move(job), client_);
+    refused = Reserve(*job);
+    if (refused.ok()) {
+      refused = Submit(*std::move(job), index);
     }
   }
   if (!refused.ok()) {
     Handle([&](SequencePacer& pacer) { return pacer.OnRendered(refused); });
   }
+}
+
+Status SequenceStream::Submit(FrameJob job, int64_t index) {
+  const int64_t bytes = job.render_bytes;
+  auto work = [self = shared_from_this(), index, job = std::move(job)](int threads) {
+    self->Render(job, index, threads);
+  };
+  asked_ = Stopwatch();
+  // Only the first frame of a stream asks to be let in.
+  if (index != static_cast<int64_t>(request_.start_index)) {
+    ticket_ = services_.renders.SubmitAdmitted(bytes, std::move(work), client_);
+    return absl::OkStatus();
+  }
+  const auto ticket = services_.renders.Submit(bytes, std::move(work), client_);
+  ticket_ = ticket.ok() ? *ticket : 0;
+  return ticket.status();
 }
 
 void SequenceStream::End(const Status& status) {

@@ -4,11 +4,13 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 
 #include "engine/base/status.h"
 #include "engine/base/stopwatch.h"
 #include "fovea/v1/render.pb.h"
 #include "service/access/gate.h"
+#include "service/frames/animation.h"
 #include "service/server/frame_job.h"
 #include "service/server/sequence_pacer.h"
 #include "service/server/services.h"
@@ -55,12 +57,21 @@ class SequenceStream final : public AcknowledgedStream,
   [[nodiscard]] Status Admit(StatusOr<wire::SequenceRequest> request);
   void Open();
   [[nodiscard]] Status Prepare();
-  void Render(int64_t index, int threads);
+  [[nodiscard]] Status PreparePath(int64_t committed_steps);
+  /// The frame of this index: job_, or what the path shows there. Reads no disk.
+  [[nodiscard]] StatusOr<FrameJob> JobOf(int64_t index) const;
+  [[nodiscard]] int64_t StepOf(int64_t index) const;
+  [[nodiscard]] int64_t FrameCount() const { return path_ ? path_->frames() : series_.count; }
+  void Render(const FrameJob& job, int64_t index, int threads);
 
   /// Tells the pacer of an event and does what it says.
   void Handle(const std::function<SequencePacer::Actions(SequencePacer&)>& event);
   void Act(SequencePacer::Actions actions);
   void SubmitRender(int64_t index);
+  /// Under the mutex.
+  [[nodiscard]] Status Submit(FrameJob job, int64_t index);
+  /// Room for replies as large as this job's. Under the mutex.
+  [[nodiscard]] Status Reserve(const FrameJob& job);
   void End(const Status& status);
 
   Services& services_;
@@ -71,13 +82,16 @@ class SequenceStream final : public AcknowledgedStream,
   wire::SequenceRequest request_;           // not changed after Start
   bool registered_ = false;                 // not changed after Start
   // Written by Prepare, before the first frame is asked for.
-  FrameJob job_;
+  FrameJob job_;  // of a path: of its first frame
   wire::StepSeries series_;
-  MemoryBudget::Reservation reservation_;
+  std::optional<frames::Animation> path_;
+  frames::FrameSpec path_spec_;  // what of it the path does not say
 
   std::mutex mutex_;
   // All below: guarded by mutex_.
   SequencePacer pacer_;
+  MemoryBudget::Reservation reservation_;
+  int64_t reserved_bytes_ = 0;
   v1::Frame ready_;    // rendered, not written yet
   v1::Frame writing_;  // the sink's while a write is in flight
   WorkPool::Ticket ticket_ = 0;

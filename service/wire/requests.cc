@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <string_view>
+#include <utility>
 
 #include "service/wire/convert.h"
+#include "service/wire/path.h"
 #include "service/wire/printable.h"
 #include "service/wire/status.h"
 
@@ -44,6 +46,13 @@ Status TakeLimit(std::string_view field, bool is_given, uint64_t value,
     *limit = value;
   }
   return absl::OkStatus();
+}
+
+Status CheckStart(uint64_t start_index, int64_t frames) {
+  return start_index <= static_cast<uint64_t>(frames)
+             ? absl::OkStatus()
+             : BadField("start_index", fmt::format("{} is outside 0 to {}, the frames of the range",
+                                                   start_index, frames));
 }
 
 }  // namespace
@@ -94,6 +103,12 @@ StatusOr<SequenceRequest> FromProto(const v1::RenderSequenceRequest& proto) {
   request.start_index = proto.start_index();
   request.window = proto.window();
   request.stream_id = proto.stream_id();
+  if (proto.has_path()) {
+    if (proto.follow()) {
+      return BadField("path", "does not go with follow, which has no end");
+    }
+    FOVEA_ASSIGN_OR_RETURN(request.path, FromProto(proto.path(), "path"));
+  }
   return request;
 }
 
@@ -188,11 +203,31 @@ StatusOr<StepSeries> ResolveSteps(const SequenceRequest& request, int64_t commit
   constexpr uint64_t kLongestStride = uint64_t{1} << 40;
   series.stride = static_cast<int64_t>(std::min(request.stride, kLongestStride));
   series.count = (static_cast<int64_t>(last) - series.first) / series.stride + 1;
-  if (request.start_index > static_cast<uint64_t>(series.count)) {
-    return BadField("start_index", fmt::format("{} is outside 0 to {}, the frames of the range",
-                                               request.start_index, series.count));
+  if (!request.path) {
+    FOVEA_RETURN_IF_ERROR(CheckStart(request.start_index, series.count));
   }
   return series;
+}
+
+StatusOr<frames::Animation> ResolvePath(const SequenceRequest& request, const StepSeries& series,
+                                        int64_t committed_steps) {
+  const PathRequest& path = *request.path;
+  const int64_t count = path.frames.value_or(series.count);
+  for (size_t i = 0; i < path.keys.size(); ++i) {
+    const frames::Keyframe& key = path.keys[i];
+    if (key.frame > count) {
+      return BadField(fmt::format("path.keys[{}].frame", i),
+                      fmt::format("{} is outside 0 to {}, the frames", key.frame, count));
+    }
+    if (key.step) {
+      FOVEA_RETURN_IF_ERROR(
+          Annotate(CheckStep(request.dataset, static_cast<uint64_t>(*key.step), committed_steps),
+                   fmt::format("path.keys[{}].step", i)));
+    }
+  }
+  FOVEA_RETURN_IF_ERROR(CheckStart(request.start_index, count));
+  auto animation = frames::Animation::Make(count, path.keys);
+  return animation.ok() ? std::move(animation) : BadField("path", MessageOf(animation.status()));
 }
 
 }  // namespace fovea::wire

@@ -5,10 +5,12 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "engine/base/status.h"
 #include "fovea/v1/datasets.pb.h"
 #include "fovea/v1/render.pb.h"
+#include "service/frames/animation.h"
 #include "service/frames/plan.h"
 #include "service/frames/spec.h"
 
@@ -27,6 +29,12 @@ struct FrameRequest {
   frames::FrameSpec spec;
 };
 
+/// What an Animation is made of once the number of steps is known.
+struct PathRequest {
+  std::optional<int64_t> frames;  // default: one a step
+  std::vector<frames::Keyframe> keys;
+};
+
 struct SequenceRequest {
   std::string dataset;
   uint64_t first = 0;
@@ -38,6 +46,7 @@ struct SequenceRequest {
   std::string stream_id;  // may be empty if window is 0
   bool follow = false;    // new steps after the range; never with `last`
   bool newest = false;    // the range is the last step alone, instead of from `first` on
+  std::optional<PathRequest> path;
 };
 
 struct PlanRequest {
@@ -88,9 +97,18 @@ struct StepSeries {
   [[nodiscard]] int64_t StepAt(int64_t index) const { return first + index * stride; }
 };
 
-/// OUT_OF_RANGE for a step that is not committed; INVALID_ARGUMENT for a start_index past the end.
+/// OUT_OF_RANGE for a step that is not committed; INVALID_ARGUMENT for a start_index past the end
+/// of what has no path.
 [[nodiscard]] StatusOr<StepSeries> ResolveSteps(const SequenceRequest& request,
                                                 int64_t committed_steps);
+/// The path of a request that has one, over the steps of `series`. OUT_OF_RANGE for a keyframe with
+/// a step that is not committed; INVALID_ARGUMENT for keyframes or a start_index past its end.
+[[nodiscard]] StatusOr<frames::Animation> ResolvePath(const SequenceRequest& request,
+                                                      const StepSeries& series,
+                                                      int64_t committed_steps);
+/// An error of the frame that a keyframe shows: one about what keyframes say points at that.
+[[nodiscard]] Status PointAtKeyframe(const Status& status, size_t key);
+[[nodiscard]] v1::Path ToProto(const frames::Animation& animation);
 
 /// OUT_OF_RANGE, saying which steps there are, unless `step` is below `committed_steps`.
 [[nodiscard]] Status CheckStep(const std::string& dataset, uint64_t step, int64_t committed_steps);

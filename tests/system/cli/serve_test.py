@@ -1,5 +1,6 @@
 """The server through the project's own client: the same pictures, clear refusals, a clean end."""
 
+import json
 import signal
 import subprocess
 import unittest
@@ -42,6 +43,36 @@ class Serve(support.FoveaTest):
         local.pop("name")
         local.pop("source", None)  # what the dataset was made of is for those who have its files
         self.assertEqual(served, local)
+
+    def test_a_shot_is_one_stream_and_the_same_files(self):
+        views = [{"frame": 0, "view": [0, 10], "fovea": [18, 18, 10], "rate": 8, "step": 0},
+                 {"frame": 6, "view": [90, 30], "fovea": [18, 18, 40], "rate": 16, "step": 14}]
+        flight = [{"frame": 0, "eye": [-60, 18, 30], "target": [18, 18, 30]},
+                  {"frame": 6, "eye": [10, 18, 90], "fov": 70}]
+        for name, keys in (("views", views), ("flight", flight)):
+            shot = self.folder / f"{name}.json"
+            shot.write_text(json.dumps({"frames": 7, "keys": keys}))
+            flags = ("--animation", shot, "--size", "48x40", "--steps", "1-13x3", "-o")
+            self.fovea("export", self.store, *flags, self.folder / f"local_{name}.#.png")
+            for how in ((), ("--foveated",), ("--local",)):
+                out = self.folder / f"served_{name}{''.join(how)}"
+                before = self.logged("RenderSequence")
+                self.ask("export", "lab/plume", *how, *flags, out / "f.#.png")
+                if "--local" not in how:  # one for the times of the steps, one for the frames
+                    self.assertEqual(self.logged("RenderSequence") - before, 2)
+                for frame in range(7):
+                    self.assertEqual((out / f"f.{frame}.png").read_bytes(),
+                                     (self.folder / f"local_{name}.{frame}.png").read_bytes())
+            # What is there already is left out: two frames in the middle, of a path that goes on.
+            for frame in (3, 4):
+                (out / f"f.{frame}.png").unlink()
+            report = self.ask("export", "lab/plume", *how, *flags, out / "f.#.png")
+            self.assertEqual(report["frames_made"], 2)
+            self.assertEqual((out / "f.4.png").read_bytes(),
+                             (self.folder / f"local_{name}.4.png").read_bytes())
+
+    def logged(self, method):
+        return (self.folder / "serve.log").read_text(encoding="utf-8").count(method)
 
     def test_render_gives_the_same_bytes(self):
         for name, flags in (("a.png", []), ("b.jpg", ["--quality", 70, "--fovea-marker"]),

@@ -359,6 +359,34 @@ TEST(ClientCheckTest, ALostStreamGoesOnWhereItWas) {
   EXPECT_NE(requests[0].stream_id(), requests[1].stream_id());
 }
 
+TEST(ClientCheckTest, ALostPathGoesOnAlongItself) {
+  FakeRender fake;
+  std::vector<v1::RenderSequenceRequest> requests;
+  fake.set_answer(
+      [&](const v1::RenderSequenceRequest& request, grpc::ServerWriter<v1::Frame>* writer) {
+        requests.push_back(request);
+        v1::Frame frame = FakeRender::Frame(request.start_index());
+        frame.mutable_used()->mutable_view()->mutable_perspective()->mutable_up()->set_z(1);
+        frame.mutable_used()->mutable_view()->mutable_perspective()->mutable_eye();
+        writer->Write(frame);
+        return request.start_index() == 1 ? grpc::Status::OK
+                                          : grpc::Status(grpc::StatusCode::UNAVAILABLE, "gone");
+      });
+  ASSERT_OK_AND_ASSIGN(const auto client, Client::Connect(fake.address()));
+  SequenceRequest request;
+  request.dataset = "plume";
+  frames::Keyframe key;
+  key.eye = Vec3{1, 2, 3};
+  ASSERT_OK_AND_ASSIGN(request.path, frames::Animation::Make(2, {key}));
+  ASSERT_OK(client->RenderSequence(request, [](const frames::Frame&) { return true; }));
+  ASSERT_EQ(requests.size(), 2U);
+  EXPECT_EQ(requests[1].path().SerializeAsString(), requests[0].path().SerializeAsString());
+  EXPECT_EQ(requests[1].path().keys(0).eye().y(), 2);
+  EXPECT_EQ(requests[1].spec().rate(), 77);  // as what came before, but for the view:
+  EXPECT_EQ(requests[1].spec().view().projection_case(),
+            requests[0].spec().view().projection_case());
+}
+
 TEST(ClientCheckTest, AServerThatIsGoneForGoodIsNotAskedForEver) {
   FakeRender fake;
   std::atomic<int> calls = 0;

@@ -158,19 +158,19 @@ TEST_F(ExportTest, ShardsTogetherMakeEachFrameOnce) {
 }
 
 TEST_F(ExportTest, AnAnimationIsCheckedBeforeItsFirstFrame) {
-  options.animation = *Animation::Parse(R"({"frames": 4, "keys": [
+  options.animation = *frames::Animation::Parse(R"({"frames": 4, "keys": [
     {"frame": 0, "fovea": [10, 10, 10]}, {"frame": 3, "fovea": [10, 10, 100]}]})");
   EXPECT_THAT(Run(), FailsWith(absl::StatusCode::kInvalidArgument, "frame 2 of the animation"));
   EXPECT_TRUE(Files().empty());
 }
 
 TEST_F(ExportTest, AnAnimationsFramesDifferAndAreRemembered) {
-  options.animation = Animation::Orbit(0, 0, 180, 3);
+  options.animation = frames::Animation::Orbit(0, 0, 180, 3);
   options.last = 0;
   ASSERT_OK(Run());
   EXPECT_NE(ReadFile(folder / "f.0000.png"), ReadFile(folder / "f.0001.png"));
   EXPECT_EQ(Run()->frames_made, 0);
-  options.animation = Animation::Orbit(0, 0, 90, 3);
+  options.animation = frames::Animation::Orbit(0, 0, 90, 3);
   EXPECT_EQ(Run()->frames_made, 3);
 }
 

@@ -37,7 +37,7 @@ TEST(PlanFrames, NamesFramesByTheirNumberWhereAllHaveTheirOwn) {
 TEST(PlanFrames, AnAnimationSpreadsOverTheStepsAndCountsItsOwnFrames) {
   ExportOptions options;
   options.output = "f.#.png";
-  options.animation = Animation::Orbit(0, 0, 90, 6);
+  options.animation = frames::Animation::Orbit(0, 0, 90, 6);
   ASSERT_OK_AND_ASSIGN(const auto planned, PlanFrames(options, Steps({21, 25, 29}), 3, {}));
   ASSERT_EQ(planned.size(), 6U);
   EXPECT_EQ(planned[0].step, 0);
@@ -50,7 +50,7 @@ TEST(PlanFrames, AnAnimationSpreadsOverTheStepsAndCountsItsOwnFrames) {
 TEST(PlanFrames, AnAnimationMustStayWithinTheSteps) {
   ExportOptions options;
   options.output = "shot.mp4";
-  options.animation = *Animation::Parse(
+  options.animation = *frames::Animation::Parse(
       R"({"frames": 3, "keys": [{"frame": 0, "step": 0}, {"frame": 2, "step": 8}]})");
   EXPECT_THAT(PlanFrames(options, Steps({1, 2, 3}), 3, {}),
               FailsWith(absl::StatusCode::kOutOfRange, "step 4 of the animation's frame 1"));

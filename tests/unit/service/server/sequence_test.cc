@@ -1,3 +1,4 @@
+#include <functional>
 #include <future>
 #include <thread>
 #include <vector>
@@ -117,6 +118,149 @@ TEST_F(SequenceTest, WrongRequestsGetTheirCode) {
   request.mutable_spec()->mutable_fovea()->mutable_at()->set_z(-1);
   EXPECT_EQ(wire::FieldOf(finish(request)), "spec.fovea");
   EXPECT_EQ(server_->frames_rendered(), 0U);
+}
+
+/// Frame k of a path is, to the byte, what RenderFrame draws of the spec that is interpolated.
+class PathTest : public SequenceTest {
+ protected:
+  void ExpectAsSingleFrames(const v1::RenderSequenceRequest& request,
+                            const std::vector<v1::Frame>& frames,
+                            const std::function<uint64_t(double, v1::FrameSpec*)>& at) {
+    for (const v1::Frame& frame : frames) {
+      v1::RenderFrameRequest single;
+      single.set_dataset(request.dataset());
+      *single.mutable_spec() = request.spec();
+      single.set_step(at(static_cast<double>(frame.index()), single.mutable_spec()));
+      v1::Frame expected;
+      ASSERT_OK(RenderFrame(single, &expected));
+      EXPECT_EQ(frame.step(), single.step()) << frame.index();
+      EXPECT_TRUE(frame.pixels() == expected.pixels()) << frame.index();
+      EXPECT_EQ(frame.used().SerializeAsString(), expected.used().SerializeAsString());
+    }
+  }
+};
+
+TEST_F(PathTest, ViewFoveaRateSpanAndStepMove) {
+  StartServer();
+  v1::RenderSequenceRequest request = Request(0);
+  request.mutable_path()->set_frames(9);
+  v1::Keyframe* first = request.mutable_path()->add_keys();
+  first->mutable_view()->set_azimuth_deg(-40);
+  first->mutable_view()->set_elevation_deg(80);
+  first->mutable_fovea()->set_x(4);
+  first->set_span_voxels(40);
+  first->set_step(1);
+  v1::Keyframe* last = request.mutable_path()->add_keys();
+  last->set_frame(8);
+  last->mutable_view()->set_azimuth_deg(360);
+  last->mutable_view()->set_elevation_deg(-80);
+  last->mutable_fovea()->set_y(36);
+  last->mutable_fovea()->set_z(10);
+  last->set_span_voxels(80);
+  last->set_rate(7);  // alone: the same all along
+  last->set_step(4);
+  const auto frames = ReadAll(request);
+  ASSERT_EQ(frames.size(), 9U);
+  const auto at = [](double k, v1::FrameSpec* spec) {
+    auto* view = spec->mutable_view()->mutable_orthographic();
+    view->set_azimuth_deg(-40 + k / 8 * 400);
+    view->set_elevation_deg(80 - k / 8 * 160);
+    view->set_span_voxels(40 + k / 8 * 40);
+    auto* fovea = spec->mutable_fovea()->mutable_at();
+    fovea->set_x(4 - k / 8 * 4);
+    fovea->set_y(k / 8 * 36);
+    fovea->set_z(k / 8 * 10);
+    spec->set_rate(7);
+    return static_cast<uint64_t>(1 + k / 8 * 3 + 0.5);
+  };
+  ExpectAsSingleFrames(request, frames, at);
+  request.set_start_index(6);  // to resume
+  const auto rest = ReadAll(request);
+  ASSERT_EQ(rest.size(), 3U);
+  ExpectAsSingleFrames(request, rest, at);
+  request.set_start_index(9);
+  EXPECT_TRUE(ReadAll(request).empty());
+}
+
+TEST_F(PathTest, ACameraFliesAndFramesAreSpreadOverTheSteps) {
+  StartServer();
+  v1::RenderSequenceRequest request = Request(0);
+  request.mutable_spec()->clear_view();
+  request.mutable_spec()->set_mode(v1::MODE_AUTO);  // fused, if it were not for the camera
+  request.mutable_steps()->set_first(1);
+  request.mutable_steps()->set_stride(2);  // 1, 3
+  request.mutable_path()->set_frames(5);
+  v1::Keyframe* first = request.mutable_path()->add_keys();
+  first->mutable_eye()->set_x(-64);
+  first->set_fov_y_deg(60);
+  v1::Keyframe* last = request.mutable_path()->add_keys();
+  last->set_frame(4);
+  last->mutable_eye()->set_z(80);
+  const auto frames = ReadAll(request);
+  ASSERT_EQ(frames.size(), 5U);
+  ExpectAsSingleFrames(request, frames, [](double k, v1::FrameSpec* spec) -> uint64_t {
+    auto* view = spec->mutable_view()->mutable_perspective();
+    view->mutable_eye()->mutable_at()->set_x(-64 + k / 4 * 64);
+    view->mutable_eye()->mutable_at()->set_z(k / 4 * 80);
+    view->set_fov_y_deg(60);
+    return k < 3 ? 1 : 3;
+  });
+}
+
+TEST_F(PathTest, FramesByDefaultAreTheSteps) {
+  StartServer();
+  v1::RenderSequenceRequest request = Request(0);
+  request.mutable_spec()->set_encoding(v1::FOVEATED);  // whose bound grows with the rate
+  request.mutable_path()->add_keys()->set_rate(1);
+  v1::Keyframe* last = request.mutable_path()->add_keys();
+  last->set_frame(4);
+  last->set_rate(33);
+  const auto frames = ReadAll(request);
+  ASSERT_EQ(frames.size(), 5U);
+  ExpectAsSingleFrames(request, frames, [](double k, v1::FrameSpec* spec) {
+    spec->set_rate(1 + 8 * k);
+    return static_cast<uint64_t>(k);
+  });
+}
+
+TEST_F(PathTest, WhatCannotBeIsSaidBeforeTheFirstFrame) {
+  StartServer();
+  const auto finish = [&](const std::function<void(v1::Keyframe*)>& spoil) {
+    v1::RenderSequenceRequest request = Request(0);
+    request.mutable_path()->add_keys()->set_rate(8);
+    v1::Keyframe* key = request.mutable_path()->add_keys();
+    key->set_frame(5);
+    spoil(key);
+    return Stream(*render_, request).Finish();
+  };
+  EXPECT_EQ(wire::FieldOf(finish([](auto* key) { key->mutable_fovea()->set_z(31); })),
+            "path.keys[1].fovea");
+  EXPECT_EQ(wire::FieldOf(finish([](auto* key) {
+              key->mutable_eye()->set_x(3);
+              key->mutable_target()->set_x(3);
+            })).substr(0, 12),
+            "path.keys[0]");  // the eye is there all along
+  EXPECT_EQ(wire::FieldOf(finish([](auto* key) { key->set_frame(6); })), "path.keys[1].frame");
+  EXPECT_THAT(finish([](auto* key) { key->set_step(5); }),
+              FailsWith(absl::StatusCode::kOutOfRange, "path.keys[1].step"));
+  EXPECT_EQ(server_->frames_rendered(), 0U);
+}
+
+TEST_F(PathTest, AFrameBetweenTwoThatCannotBeEndsIt) {
+  StartServer();
+  v1::RenderSequenceRequest request = Request(0);
+  for (const double x : {-10.0, 10.0}) {  // through the target, at frame 2 of 0 to 4
+    v1::Keyframe* key = request.mutable_path()->add_keys();
+    key->set_frame(x < 0 ? 0 : 4);
+    key->mutable_eye()->set_x(x);
+    key->mutable_target();
+  }
+  Stream stream(*render_, request);
+  v1::Frame frame;
+  EXPECT_TRUE(stream.reader->Read(&frame));
+  EXPECT_TRUE(stream.reader->Read(&frame));
+  EXPECT_FALSE(stream.reader->Read(&frame));
+  EXPECT_EQ(stream.Finish().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST_F(SequenceTest, RendersNoFurtherThanTheWindow) {

@@ -98,6 +98,124 @@ TEST(SequenceRequestTest, NoWindowNeedsNoStreamId) {
   EXPECT_OK(FromProto(proto).status());
 }
 
+v1::RenderSequenceRequest GoodPath() {
+  v1::RenderSequenceRequest proto = GoodSequence();
+  proto.mutable_path()->set_frames(11);
+  v1::Keyframe* key = proto.mutable_path()->add_keys();
+  key->set_frame(2);
+  key->mutable_eye()->set_x(-9);
+  key->mutable_target()->set_y(1);
+  key->mutable_up()->set_z(2);
+  key->set_fov_y_deg(30);
+  key->mutable_fovea()->set_z(3);
+  key->set_rate(8);
+  key->set_step(4);
+  proto.mutable_path()->add_keys()->set_frame(11);
+  return proto;
+}
+
+TEST(PathTest, ComesBackAsItWas) {
+  ASSERT_OK_AND_ASSIGN(const SequenceRequest request, FromProto(GoodPath()));
+  ASSERT_OK_AND_ASSIGN(const StepSeries series, ResolveSteps(request, 5));
+  ASSERT_OK_AND_ASSIGN(const frames::Animation path, ResolvePath(request, series, 5));
+  EXPECT_EQ(ToProto(path).SerializeAsString(), GoodPath().path().SerializeAsString());
+  v1::RenderSequenceRequest views = GoodSequence();
+  v1::Keyframe* key = views.mutable_path()->add_keys();
+  key->mutable_view()->set_azimuth_deg(400);
+  key->mutable_view()->set_elevation_deg(-90);
+  key->set_span_voxels(0.5);
+  ASSERT_OK_AND_ASSIGN(const SequenceRequest other, FromProto(views));
+  ASSERT_OK_AND_ASSIGN(const frames::Animation turn, ResolvePath(other, series, 5));
+  EXPECT_EQ(turn.frames(), 5);  // one a step
+  views.mutable_path()->set_frames(5);
+  EXPECT_EQ(ToProto(turn).SerializeAsString(), views.path().SerializeAsString());
+}
+
+const BadSequence kBadPaths[] = {
+    {"path", [](v1::RenderSequenceRequest* r) { r->set_follow(true); }},
+    {"path.frames", [](v1::RenderSequenceRequest* r) { r->mutable_path()->set_frames(0); }},
+    {"path.frames", [](v1::RenderSequenceRequest* r) { r->mutable_path()->set_frames(1'000'001); }},
+    {"path.keys", [](v1::RenderSequenceRequest* r) { r->mutable_path()->clear_keys(); }},
+    {"path.keys",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->clear_keys();
+       for (uint64_t i = 0; i < 4097; ++i) {
+         r->mutable_path()->add_keys()->set_frame(i);
+       }
+     }},
+    {"path.keys[1].frame",
+     [](v1::RenderSequenceRequest* r) { r->mutable_path()->mutable_keys(1)->set_frame(2); }},
+    {"path.keys[1].frame",
+     [](v1::RenderSequenceRequest* r) { r->mutable_path()->mutable_keys(1)->set_frame(12); }},
+    {"path.keys[1].frame",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->clear_frames();
+       r->mutable_path()->mutable_keys(1)->set_frame(~uint64_t{0});
+     }},
+    {"path.keys",  // a camera and an orthographic view
+     [](v1::RenderSequenceRequest* r) { r->mutable_path()->mutable_keys(1)->mutable_view(); }},
+    {"path.keys",  // a camera without an eye
+     [](v1::RenderSequenceRequest* r) { r->mutable_path()->mutable_keys(0)->clear_eye(); }},
+    {"path.keys[1].view.azimuth_deg",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->mutable_keys(1)->mutable_view()->set_azimuth_deg(1.0 / 0.0);
+     }},
+    {"path.keys[1].view.elevation_deg",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->mutable_keys(1)->mutable_view()->set_elevation_deg(91);
+     }},
+    {"path.keys[1].span_voxels",
+     [](v1::RenderSequenceRequest* r) { r->mutable_path()->mutable_keys(1)->set_span_voxels(0); }},
+    {"path.keys[0].eye",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->mutable_keys(0)->mutable_eye()->set_y(2e9);
+     }},
+    {"path.keys[0].target",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->mutable_keys(0)->mutable_target()->set_y(0.0 / 0.0);
+     }},
+    {"path.keys[0].up",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->mutable_keys(0)->mutable_up()->set_y(1.0 / 0.0);
+     }},
+    {"path.keys[0].fov_y_deg",
+     [](v1::RenderSequenceRequest* r) { r->mutable_path()->mutable_keys(0)->set_fov_y_deg(171); }},
+    {"path.keys[0].fovea",
+     [](v1::RenderSequenceRequest* r) {
+       r->mutable_path()->mutable_keys(0)->mutable_fovea()->set_x(-2e9);
+     }},
+    {"path.keys[0].rate",
+     [](v1::RenderSequenceRequest* r) { r->mutable_path()->mutable_keys(0)->set_rate(0.5); }},
+};
+
+TEST(PathTest, EachRangeIsCheckedAndTheFieldNamed) {
+  ASSERT_OK(FromProto(GoodPath()).status());
+  for (const BadSequence& bad : kBadPaths) {
+    v1::RenderSequenceRequest proto = GoodPath();
+    bad.spoil(&proto);
+    const auto result = FromProto(proto);
+    EXPECT_EQ(result.status().code(), absl::StatusCode::kInvalidArgument) << bad.field;
+    EXPECT_EQ(FieldOf(result.status()), bad.field) << MessageOf(result.status());
+  }
+}
+
+TEST(PathTest, WhatOnlyTheStepsTell) {
+  v1::RenderSequenceRequest proto = GoodPath();
+  proto.mutable_path()->clear_frames();  // one a step
+  ASSERT_OK_AND_ASSIGN(SequenceRequest request, FromProto(proto));
+  ASSERT_OK_AND_ASSIGN(const StepSeries series, ResolveSteps(request, 5));
+  EXPECT_EQ(FieldOf(ResolvePath(request, series, 5).status()), "path.keys[1].frame");
+  request.path->frames = 11;
+  EXPECT_OK(ResolvePath(request, series, 5).status());
+  EXPECT_THAT(ResolvePath(request, series, 4),
+              FailsWith(absl::StatusCode::kOutOfRange, "path.keys[0].step"));
+  request.start_index = 11;
+  EXPECT_OK(ResolveSteps(request, 5).status());
+  EXPECT_OK(ResolvePath(request, series, 5).status());
+  request.start_index = 12;
+  EXPECT_EQ(FieldOf(ResolvePath(request, series, 5).status()), "start_index");
+}
+
 TEST(ListRequestTest, PagesAndTokens) {
   v1::ListDatasetsRequest proto;
   ASSERT_OK_AND_ASSIGN(ListRequest request, FromProto(proto));

@@ -1,8 +1,8 @@
-#include "service/export/animation.h"
+#include "service/frames/animation.h"
 
 #include "tests/support/status_matchers.h"
 
-namespace fovea::exports {
+namespace fovea::frames {
 namespace {
 
 using ::fovea::testing::FailsWith;
@@ -89,6 +89,26 @@ TEST(Animation, ACameraOrbitsItsTargetAtOneDistance) {
   EXPECT_EQ(orbit.SpecAt(1, base).view.perspective->target, camera.target);
 }
 
+TEST(Animation, ManyKeysAreAsQuickAsFew) {
+  std::vector<Keyframe> keys(100'000);
+  for (size_t i = 0; i < keys.size(); ++i) {
+    keys[i].frame = static_cast<int64_t>(10 * i);
+    keys[i].rate = 1 + static_cast<double>(i);
+  }
+  ASSERT_OK_AND_ASSIGN(const Animation animation, Animation::Make(1'000'000, keys));
+  for (int64_t frame = 0; frame < 999'990; frame += 5) {  // a scan of all would take minutes
+    ASSERT_EQ(animation.SpecAt(frame, {}).rate, 1 + static_cast<double>(frame) / 10);
+  }
+}
+
+TEST(Animation, SpreadsItsFramesEvenly) {
+  ASSERT_OK_AND_ASSIGN(const Animation animation, Animation::Make(5, {Keyframe{}}));
+  for (int64_t frame = 0; frame < 5; ++frame) {
+    EXPECT_EQ(animation.PlaceIn(2, frame), frame < 3 ? 0 : 1);
+    EXPECT_EQ(animation.PlaceIn(5, frame), frame);
+  }
+}
+
 TEST(Animation, SaysWhatIsWrong) {
   const auto fails = [](const std::string& text, const std::string& message) {
     EXPECT_THAT(Animation::Parse(text), FailsWith(absl::StatusCode::kInvalidArgument, message));
@@ -114,4 +134,4 @@ TEST(Animation, SaysWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace fovea::exports
+}  // namespace fovea::frames
