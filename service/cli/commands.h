@@ -133,6 +133,7 @@ struct RenderCommand {
   int64_t step = 0;
   frames::FrameSpec spec;
   std::string file;
+  bool refine = false;  // of a server: the file is written coarse first, and again as it sharpens
 };
 
 struct ExpandCommand {

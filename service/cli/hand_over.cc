@@ -1,5 +1,6 @@
 // HandOver of fovea, and what it has in place of a gRPC client.
 #include "service/cli/become.h"
+#include "service/client/views_client.h"
 #include "service/export/frame_provider.h"
 
 namespace fovea {
@@ -41,6 +42,12 @@ StatusOr<std::unique_ptr<client::Client>> client::Client::Connect(
 }
 
 StatusOr<std::unique_ptr<client::JobsClient>> client::JobsClient::Connect(
+    const std::string& /*address*/, const Credentials& /*credentials*/,
+    double /*deadline_seconds*/) {
+  return HandedOver();
+}
+
+StatusOr<std::unique_ptr<client::ViewsClient>> client::ViewsClient::Connect(
     const std::string& /*address*/, const Credentials& /*credentials*/,
     double /*deadline_seconds*/) {
   return HandedOver();

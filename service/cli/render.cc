@@ -3,6 +3,7 @@
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
 #include "service/cli/picture_source.h"
+#include "service/client/views_client.h"
 #include "service/export/picture_file.h"
 #include "service/frames/spec_json.h"
 
@@ -33,10 +34,51 @@ void PrintFrame(const RenderCommand& command, const frames::Frame& frame, const 
       stats.read_ms, stats.reconstruct_ms, stats.render_ms, stats.smooth_warp_ms, stats.encode_ms));
 }
 
+/// The same file again and again; the last one as without --refine.
+Status Refine(const RenderCommand& command, exports::PictureFormat format) {
+  const std::string& name = command.input.inputs.front();
+  FOVEA_ASSIGN_OR_RETURN(const auto catalogue,
+                         client::Client::Connect(*command.input.server, command.input.credentials));
+  FOVEA_ASSIGN_OR_RETURN(const client::DatasetSummary dataset, catalogue->GetDataset(name));
+  FOVEA_ASSIGN_OR_RETURN(const auto server, client::ViewsClient::Connect(
+                                                *command.input.server, command.input.credentials));
+  const Stopwatch watch;
+  Status written;
+  frames::Frame last;
+  const auto on_frame = [&](const client::ViewFrame& now) {
+    written = exports::WritePicture(command.file, format, now.frame);
+    if (written.ok() && !now.final && command.output.json) {
+      nlohmann::json value = frames::FrameToJson(now.frame);
+      value["output"] = command.file;
+      PrintJson(value);
+    } else if (written.ok() && !now.final) {
+      PrintLine(fmt::format("{}: rate {}, after {:.0f} ms", command.file,
+                            FormatRate(*now.frame.used.rate), watch.ElapsedMs()));
+    }
+    std::fflush(stdout);
+    last = now.frame;
+    return written.ok() && !Interrupted();
+  };
+  FOVEA_RETURN_IF_ERROR(
+      server->Refine({.dataset = name, .step = command.step, .spec = command.spec}, on_frame));
+  FOVEA_RETURN_IF_ERROR(written);
+  if (Interrupted()) {
+    return Cancelled("stopped; {} stays as sharp as it is", command.file);
+  }
+  for (const frames::Warning& warning : last.warnings) {
+    Warn(warning.message);
+  }
+  PrintFrame(command, last, dataset.info.hierarchy.dims());
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 Status Run(const RenderCommand& command) {
   FOVEA_ASSIGN_OR_RETURN(const auto format, exports::PictureFormatOf(command.file));
+  if (command.refine) {
+    return Refine(command, format);
+  }
   FOVEA_ASSIGN_OR_RETURN(const auto provider, OpenPictures(command.input, command.output));
   if (Interrupted()) {
     return Cancelled("stopped; {} was not written", command.file);

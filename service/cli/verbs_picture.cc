@@ -83,6 +83,7 @@ CLI::App* AddRender(CLI::App* app, RenderCommand* command) {
       "  fovea render bonsai.raw --raw 256x256x256:uint8 --size 1024x1024 -o bonsai.png\n"
       "  fovea render --server 127.0.0.1:50051 smoke --step 30 -o f.png\n"
       "  fovea render --server 127.0.0.1:50051 smoke --step 30 --local -o f.exr\n"
+      "  fovea render --server 127.0.0.1:50051 smoke --refine -o f.png    # soon, then sharper\n"
       "The name chooses the format: .png .jpg are sRGB over the background; .fvf is the FOVEATED\n"
       "frame that `fovea expand` makes these of; .exr .tif .npy are\n"
       "linear, premultiplied RGBA. What was not said is chosen, and printed as flags.");
@@ -93,6 +94,12 @@ CLI::App* AddRender(CLI::App* app, RenderCommand* command) {
   verb->add_option("-o,--output", command->file, "The picture: .png .jpg .exr .tif .npy .fvf")
       ->required()
       ->type_name("FILE");
+  verb->add_flag("--refine", command->refine,
+                 "With --server: write the picture coarse at once, and again each time that it is "
+                 "sharper; a line for each (with --json: a value each)")
+      ->needs("--server")
+      ->excludes("--local")
+      ->excludes("--foveated");
   AddPictureFlags(verb, &command->spec);
   AddOutputFlags(verb, &command->output);
   return verb;

@@ -82,7 +82,7 @@ Status SequenceStream::PreparePath(int64_t committed_steps) {
   path_spec_.color_transfer = job_.spec.color_transfer;
   for (size_t i = 0; i < path_->keys().size(); ++i) {
     const int64_t frame = std::min(path_->keys()[i].frame, path_->frames() - 1);
-    FOVEA_RETURN_IF_ERROR(wire::PointAtKeyframe(JobOf(frame).status(), i));
+    FOVEA_RETURN_IF_ERROR(wire::PointAtKeyframe(JobOf(frame).status(), *path_, i));
   }
   FOVEA_ASSIGN_OR_RETURN(job_, JobOf(0));
   return absl::OkStatus();

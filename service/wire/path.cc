@@ -134,6 +134,35 @@ v1::Keyframe ToProto(const frames::Keyframe& key) {
   return proto;
 }
 
+/// A value that an error may begin with, and whether a keyframe has it.
+struct Spoken {
+  std::string_view name;
+  bool (*says)(const frames::Keyframe& key);
+};
+constexpr Spoken kSpoken[] = {
+    {"eye", [](const frames::Keyframe& key) { return key.eye.has_value(); }},
+    {"target", [](const frames::Keyframe& key) { return key.target.has_value(); }},
+    {"up", [](const frames::Keyframe& key) { return key.up.has_value(); }},
+    {"fovea", [](const frames::Keyframe& key) { return key.fovea.has_value(); }},
+    {"rate", [](const frames::Keyframe& key) { return key.rate.has_value(); }},
+};
+
+/// The keyframe that a value at keyframe `key` comes from: itself, or one beside it.
+size_t WhoSays(const std::vector<frames::Keyframe>& keys, size_t key,
+               bool (*says)(const frames::Keyframe&)) {
+  for (size_t i = key; i < keys.size(); ++i) {
+    if (says(keys[i])) {
+      return i;
+    }
+  }
+  for (size_t i = key; i > 0; --i) {
+    if (says(keys[i - 1])) {
+      return i - 1;
+    }
+  }
+  return key;
+}
+
 }  // namespace
 
 StatusOr<PathRequest> FromProto(const v1::Path& proto, const std::string& path) {
@@ -169,17 +198,17 @@ StatusOr<PathRequest> FromProto(const v1::Path& proto, const std::string& path) 
                        : BadField(path + ".keys", MessageOf(together));
 }
 
-Status PointAtKeyframe(const Status& status, size_t key) {
+Status PointAtKeyframe(const Status& status, const frames::Animation& path, size_t key) {
   if (!absl::IsInvalidArgument(status)) {
     return status;
   }
   const std::string_view message = MessageOf(status);
   const std::string_view name =
       message.substr(0, message.find_first_not_of("abcdefghijklmnopqrstuvwxyz_"));
-  for (const std::string_view known :
-       {"span_voxels", "eye", "target", "up", "fov_y_deg", "fovea", "rate"}) {
-    if (name == known) {
-      return BadField(fmt::format("path.keys[{}].{}", key, known), message);
+  for (const Spoken& spoken : kSpoken) {
+    if (name == spoken.name) {
+      return BadField(fmt::format("path.keys[{}].{}", WhoSays(path.keys(), key, spoken.says), name),
+                      message);
     }
   }
   return BadField(fmt::format("path.keys[{}]", key), message);

@@ -106,8 +106,10 @@ struct StepSeries {
 [[nodiscard]] StatusOr<frames::Animation> ResolvePath(const SequenceRequest& request,
                                                       const StepSeries& series,
                                                       int64_t committed_steps);
-/// An error of the frame that a keyframe shows: one about what keyframes say points at that.
-[[nodiscard]] Status PointAtKeyframe(const Status& status, size_t key);
+/// An error of the frame at a keyframe: if it is about what keyframes say, it points at the one
+/// that does.
+[[nodiscard]] Status PointAtKeyframe(const Status& status, const frames::Animation& path,
+                                     size_t key);
 [[nodiscard]] v1::Path ToProto(const frames::Animation& animation);
 
 /// OUT_OF_RANGE, saying which steps there are, unless `step` is below `committed_steps`.

@@ -71,6 +71,20 @@ class Serve(support.FoveaTest):
             self.assertEqual((out / "f.4.png").read_bytes(),
                              (self.folder / f"local_{name}.4.png").read_bytes())
 
+    def test_refine_ends_with_the_same_file(self):
+        flags = ("lab/plume", "--step", 9, "--size", "400x300", "--rate", 60, "-o")
+        out = self.folder / "refined.png"
+        report = self.fovea("render", "--server", self.address, "--refine", *flags, out).stdout
+        self.assertIn("pinned by: ", report.splitlines()[-3])
+        self.ask("render", *flags, self.folder / "whole.png")
+        self.assertEqual(out.read_bytes(), (self.folder / "whole.png").read_bytes())
+        last = self.fovea("render", "--server", self.address, "--refine", "--json", *flags,
+                          out).stdout.splitlines()[-1]
+        self.assertEqual(json.loads(last)["used"]["rate"], 60)
+        self.refused(1, "render", "--server", self.address, "--refine", "nothing", "-o", out,
+                     says=["nothing"])
+        self.refused(2, "render", self.store, "--refine", "-o", out, says=["--server"])
+
     def logged(self, method):
         return (self.folder / "serve.log").read_text(encoding="utf-8").count(method)
 
