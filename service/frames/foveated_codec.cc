@@ -16,6 +16,8 @@
 namespace fovea::frames {
 namespace {
 
+constexpr int64_t kFarthest = int64_t{1} << 20;  // pixels: edges of rectangles
+
 using render::FaceFrame;
 using render::FoveatedFrame;
 using render::FrameLevel;
@@ -103,10 +105,10 @@ class Reader {
     return {x, y, Get<double>()};
   }
   Rect GetRect() {
-    constexpr int32_t kFarthest = 1 << 20;
+    constexpr auto kMost = static_cast<int32_t>(kFarthest);
     std::array<int64_t, 4> edges{};
     for (int64_t& edge : edges) {
-      edge = GetWithin<int32_t>(-kFarthest, kFarthest);
+      edge = GetWithin<int32_t>(-kMost, kMost);
     }
     return {edges[0], edges[1], edges[2], edges[3]};
   }
@@ -165,8 +167,8 @@ Header ReadHeader(Reader* from, FoveatedPicture* picture) {
   picture->background.red = from->GetWithin<float>(0, 1);
   picture->background.green = from->GetWithin<float>(0, 1);
   picture->background.blue = from->GetWithin<float>(0, 1);
-  constexpr double kFarthest = 1e300;  // any finite place: a fovea may lie far beside the picture
-  const double most = marked ? kFarthest : 0;
+  constexpr double kAnywhere = 1e300;  // a fovea may lie far beside the picture
+  const double most = marked ? kAnywhere : 0;
   const double column = from->GetWithin<double>(-most, most);
   const double row = from->GetWithin<double>(-most, most);
   if (marked) {
@@ -179,6 +181,13 @@ Header ReadHeader(Reader* from, FoveatedPicture* picture) {
 
 constexpr int kMostWidthLog2 = 20;
 
+/// Of a face seen at a grazing angle the crossing may be empty and far away; which pixels it
+/// contains stays.
+Rect HeldToRange(const Rect& rect) {
+  const auto held = [](int64_t edge) { return std::clamp(edge, -kFarthest, kFarthest); };
+  return {held(rect.u0), held(rect.u1), held(rect.v0), held(rect.v1)};
+}
+
 void WriteShape(const std::vector<FrameLevel>& levels, const Rect& sheet, Writer* to) {
   to->PutRect(sheet);
   to->Put<uint8_t>(static_cast<uint8_t>(levels.size()));
@@ -187,7 +196,7 @@ void WriteShape(const std::vector<FrameLevel>& levels, const Rect& sheet, Writer
   to->PutZeros(6);
   for (const FrameLevel& level : levels) {
     to->PutRect(level.rect);
-    to->PutRect(level.crossing);
+    to->PutRect(HeldToRange(level.crossing));
     to->Put<uint8_t>(static_cast<uint8_t>((level.void_u0 ? 1 : 0) | (level.void_u1 ? 2 : 0) |
                                           (level.void_v0 ? 4 : 0) | (level.void_v1 ? 8 : 0)));
     to->PutZeros(3);

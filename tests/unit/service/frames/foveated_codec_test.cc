@@ -239,6 +239,23 @@ TEST(FoveatedCodecTest, NumbersStayWhatTheyAre) {
   }
 }
 
+TEST(FoveatedCodecTest, ACrossingFarOutsideContainsTheSamePixels) {
+  FoveatedPicture picture = TinyPerspective();
+  auto& levels = std::get<render::PerspectiveFrame>(picture.frame).faces[0].levels;
+  levels[0].crossing = {int64_t{5} << 40, 0, -(int64_t{1} << 33), 1};
+  levels[1].crossing = {-(int64_t{1} << 33), -1, 0, int64_t{1} << 21};
+  const auto got = DecodeFoveated(Bytes(picture));
+  ASSERT_OK(got.status());
+  const auto& came = std::get<render::PerspectiveFrame>(got->frame).faces[0].levels;
+  for (size_t l = 0; l < levels.size(); ++l) {
+    for (int64_t u = -9; u < 9; ++u) {
+      for (int64_t v = -9; v < 9; ++v) {
+        EXPECT_EQ(came[l].crossing.Contains(u, v), levels[l].crossing.Contains(u, v));
+      }
+    }
+  }
+}
+
 TEST(FoveatedCodecTest, ValuesOutOfRangeAreHeldToIt) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
