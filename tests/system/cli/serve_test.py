@@ -18,7 +18,7 @@ class Serve(support.FoveaTest):
         cls.fovea(cls(), "ingest", support.PLUME_SEQUENCE, "-o", cls.store)
         cls.log = open(cls.folder / "serve.log", "w", encoding="utf-8")
         cls.server = subprocess.Popen(
-            [support.FOVEA, "serve", str(cls.root), "--listen", "127.0.0.1:0"],
+            [support.FOVEA, "serve", str(cls.root), "--listen", "127.0.0.1:0", "--log-level", "debug"],
             stdout=subprocess.PIPE, stderr=cls.log, text=True)
         line = cls.server.stdout.readline()
         assert line.startswith("fovead listening on grpc "), line

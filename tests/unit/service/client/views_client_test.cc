@@ -111,7 +111,7 @@ TEST_F(ViewsClientTest, AViewIsWholeWhateverCameBefore) {
     return true;
   });
   View first = At(30, 1);
-  first.spec.lighting = render::Lighting{.enabled = true};
+  first.spec.lighting.emplace().enabled = true;
   ASSERT_OK(exploration->Show(first));
   ASSERT_OK(exploration->Show(At(30, 2)));
   ASSERT_OK(exploration->Finish());

@@ -111,6 +111,12 @@ std::vector<GoodRequest> GoodRequests() {
            {plume + "steps { first: 0 last: 3 stride: 1 } %o start_index: 1 window: 2 "
                     "stream_id: '0123456789abcdef'"}),
       Make("Render.RenderSequence", {plume + "steps { first: 0 } follow: true %p"}),
+      Make("Render.RenderSequence",
+           {plume + "%o path { frames: 9 keys { frame: 0 view { azimuth_deg: 30 elevation_deg: 20 }"
+                    " span_voxels: 60 fovea { x: 20 y: 18 z: 15 } rate: 12 step: 1 } }"}),
+      Make("Render.RenderSequence",
+           {plume + "%p path { frames: 9 keys { frame: 1 eye { x: -50 y: 18 z: 15 } fov_y_deg: 45 }"
+                    " keys { frame: 5 target { x: 20 y: 18 z: 15 } up { x: 0.1 y: 0.2 z: 1 } } }"}),
       Make("Render.RefineFrame", {plume + "step: 3 %o first_frame_ms: 5"}),
       Make("Render.RefineFrame", {plume + "time_ns: 9000000000 %p"}),
       Make("Render.Explore", {plume + "step: 3 %o view_id: 7 moving: true frame_budget_ms: 5 "
