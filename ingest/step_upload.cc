@@ -5,6 +5,8 @@
 #include <system_error>
 #include <utility>
 
+#include <absl/strings/str_join.h>
+
 #include "engine/store/metadata.h"
 #include "engine/store/stored_type.h"
 #include "ingest/ingest_checks.h"
@@ -157,8 +159,7 @@ Status StepUpload::CheckStore() const {
   std::sort(asked.begin(), asked.end());
   std::sort(there.begin(), there.end());
   if (there != asked) {
-    return Differs(path_, "list of fields", fmt::format("{}", fmt::join(there, ", ")),
-                   fmt::format("{}", fmt::join(asked, ", ")));
+    return Differs(path_, "list of fields", absl::StrJoin(there, ", "), absl::StrJoin(asked, ", "));
   }
   if (plan_.wavelet && WaveletName(*plan_.wavelet) != info.wavelet) {
     return Differs(path_, "wavelet", info.wavelet, std::string(WaveletName(*plan_.wavelet)));
