@@ -1,5 +1,6 @@
 #include "service/server/render_service.h"
 
+#include <algorithm>
 #include <memory>
 #include <utility>
 
@@ -61,6 +62,19 @@ void PrepareAndRender(Services& services, const wire::FrameRequest& request,
                 });
 }
 
+/// What this server would not draw it does not count: that takes time and memory with the rate.
+Status CheckRate(const store::DatasetInfo& info, const frames::FrameSpec& spec) {
+  const auto retained = RetainedSet::Make(info.hierarchy, frames::FoveaOf(spec));
+  FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(retained.status(), "spec"));
+  if (retained->SuperVoxelCount() > kMaxSuperVoxelsPerFrame) {
+    return ResourceExhausted(
+        "rate {} makes {} super-voxels; this server's limit is {} a frame; ask for a smaller rate, "
+        "or say a budget",
+        FormatRate(*spec.rate), retained->SuperVoxelCount(), kMaxSuperVoxelsPerFrame);
+  }
+  return absl::OkStatus();
+}
+
 StatusOr<v1::FramePlan> Plan(Services& services, const wire::PlanRequest& request) {
   FOVEA_ASSIGN_OR_RETURN(const auto served, services.catalogue->Find(request.frame.dataset));
   store::Dataset& dataset = served->dataset();
@@ -71,11 +85,17 @@ StatusOr<v1::FramePlan> Plan(Services& services, const wire::PlanRequest& reques
   FOVEA_ASSIGN_OR_RETURN(const int64_t step, ChooseStep(request.frame.dataset, dataset,
                                                         request.frame.step, request.frame.time_ns));
   const int threads = services.renders.threads();
-  FOVEA_ASSIGN_OR_RETURN(
-      const frames::FramePlan plan,
-      request.budget.IsEmpty()
-          ? frames::PlanFrame(dataset, step, *resolved, threads)
-          : frames::PlanWithin(dataset, step, *resolved, request.budget, threads));
+  frames::FrameBudget budget = request.budget;
+  if (budget.IsEmpty()) {
+    FOVEA_RETURN_IF_ERROR(CheckRate(dataset.info(), *resolved));
+  } else {  // larger rates are not tried
+    constexpr auto kMost = static_cast<uint64_t>(kMaxSuperVoxelsPerFrame);
+    budget.coefficients = std::min(budget.coefficients.value_or(kMost), kMost);
+  }
+  FOVEA_ASSIGN_OR_RETURN(const frames::FramePlan plan,
+                         budget.IsEmpty()
+                             ? frames::PlanFrame(dataset, step, *resolved, threads)
+                             : frames::PlanWithin(dataset, step, *resolved, budget, threads));
   return wire::ToProto(request.frame.dataset, step, plan);
 }
 

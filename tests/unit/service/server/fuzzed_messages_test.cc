@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include "fovea/v1/ingest.pb.h"
 #include "tests/unit/service/server/good_requests.h"
 #include "tests/unit/service/server/raw_call.h"
 #include "tests/unit/service/server/server_test_util.h"
@@ -217,6 +218,38 @@ TEST_F(FuzzedMessagesTest, ProtobufWritesToNoLogButOurs) {
   EXPECT_FALSE(Send(channel_, call).status.ok());
   EXPECT_THAT(::testing::internal::GetCapturedStderr(),
               ::testing::Not(::testing::HasSubstr("libprotobuf")));
+}
+
+TEST_F(FuzzedMessagesTest, APlanOfMoreThanCanBeDrawnIsNotCounted) {
+  v1::StreamReadingsRequest header, batch;
+  header.mutable_header()->set_dataset("vast");
+  header.mutable_header()->set_step_seconds(1);
+  header.mutable_header()->mutable_lower();
+  for (auto* vec :
+       {header.mutable_header()->mutable_upper(), header.mutable_header()->mutable_voxel()}) {
+    const double size = vec == &header.header().upper() ? 65536 : 1;
+    vec->set_x(size);
+    vec->set_y(size);
+    vec->set_z(size);
+  }
+  batch.mutable_batch()->set_sequence(1);
+  batch.mutable_batch()->add_time_ns(1);
+  batch.mutable_batch()->add_x(5);
+  batch.mutable_batch()->add_value(5);
+  batch.mutable_batch()->set_last(true);
+  RawCall readings;
+  readings.method = "/fovea.v1.Ingest/StreamReadings";
+  readings.messages = {header.SerializeAsString(), batch.SerializeAsString()};
+  readings.most_replies = 9;
+  ASSERT_OK(Send(channel_, readings).status);
+
+  v1::PlanFrameRequest request;
+  request.set_dataset("vast");
+  request.mutable_spec()->set_rate(65536);
+  v1::FramePlan plan;
+  grpc::ClientContext whole;
+  EXPECT_THAT(wire::FromGrpc(render_->PlanFrame(&whole, request, &plan)),
+              FailsWith(absl::StatusCode::kResourceExhausted, "super-voxels"));
 }
 
 }  // namespace
