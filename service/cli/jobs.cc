@@ -63,6 +63,8 @@ json ToJson(const Job& job) {
                 {"now", job.now},
                 {"message", job.message},
                 {"failures", json::array()},
+                {"warnings", job.warnings},
+                {"warning_count", job.warning_count},
                 {"created_ms", job.created_ms}};
   for (const Job::Failure& failure : job.failures) {
     value["failures"].push_back({{"file", failure.file}, {"reason", failure.reason}});
@@ -85,6 +87,9 @@ std::string ProgressOf(const Job& job) {
                                    : fmt::format("{} {}", job.done, UnitOf(job));
   if (job.failed > 0) {
     text += fmt::format(", {} failed", job.failed);
+  }
+  if (job.warning_count > 0) {
+    text += fmt::format(", {} warning{}", job.warning_count, job.warning_count == 1 ? "" : "s");
   }
   if (job.seconds_left) {
     text += fmt::format(", {} left", HumanSeconds(*job.seconds_left));
@@ -125,6 +130,9 @@ void PrintOne(const Job& job) {
   for (const Job::Failure& failure : job.failures) {
     PrintLine(fmt::format("  failed    {}: {}", failure.file, failure.reason));
   }
+  for (const std::string& warning : job.warnings) {
+    PrintLine("  warning   " + warning);
+  }
 }
 
 void Print(const JobsCommand& command, const Job& job) {
@@ -138,6 +146,7 @@ Status PrintAll(const JobsCommand& command, client::JobsClient& server) {
     for (const Job& job : jobs) {
       list.push_back(ToJson(job));
       list.back().erase("failures");  // a list does not have them
+      list.back().erase("warnings");
     }
     PrintJson({{"jobs", list}});
     return absl::OkStatus();

@@ -25,7 +25,8 @@ StatusOr<Job> FromProto(const v1::Job& proto) {
   Job job;
   if (proto.id().empty() || proto.done() > std::numeric_limits<int64_t>::max() ||
       proto.total() > std::numeric_limits<int64_t>::max() ||
-      proto.failed() > std::numeric_limits<int64_t>::max()) {
+      proto.failed() > std::numeric_limits<int64_t>::max() ||
+      proto.warning_count() > std::numeric_limits<int64_t>::max()) {
     return Internal("a job without an id, or with too large counts");
   }
   switch (proto.kind()) {
@@ -71,6 +72,8 @@ StatusOr<Job> FromProto(const v1::Job& proto) {
   for (const v1::Job::Failure& failure : proto.failures()) {
     job.failures.push_back({failure.file(), failure.reason()});
   }
+  job.warnings.assign(proto.warnings().begin(), proto.warnings().end());
+  job.warning_count = static_cast<int64_t>(proto.warning_count());
   job.created_ms = proto.created_ms();
   if (proto.has_started_ms()) {
     job.started_ms = proto.started_ms();

@@ -35,10 +35,12 @@ struct Job {
   int64_t done = 0, total = 0;  // steps or frames; total 0: not known yet
   int64_t failed = 0;           // steps or frames that could not be made
   std::optional<double> seconds_left;
-  std::string now;                // the file in hand
-  std::string message;            // why it failed
-  std::vector<Failure> failures;  // the first 1000; List leaves them out
-  int64_t created_ms = 0;         // milliseconds since 1970 (UTC)
+  std::string now;                    // the file in hand
+  std::string message;                // why it failed
+  std::vector<Failure> failures;      // the first 1000; List leaves them out
+  std::vector<std::string> warnings;  // different ones, at most 100; List leaves them out
+  int64_t warning_count = 0;          // of `warnings`, in a List, too
+  int64_t created_ms = 0;             // milliseconds since 1970 (UTC)
   std::optional<int64_t> started_ms, ended_ms;
 
   /// DONE, FAILED or CANCELLED: it stands so for ever.

@@ -1,5 +1,6 @@
 #include "service/export/exporter.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -69,7 +70,7 @@ std::string ManifestStem(const std::string& output) {
   return (path.parent_path() / (pattern->Stem() + path.extension().string())).string();
 }
 
-void AddFrame(const frames::Frame& frame, ExportReport* report) {
+void AddFrame(const frames::Frame& frame, const ExportOptions& options, ExportReport* report) {
   frames::FrameStats& totals = report->totals;
   const frames::FrameStats& stats = frame.stats;
   totals.coefficients += stats.coefficients;
@@ -85,7 +86,13 @@ void AddFrame(const frames::Frame& frame, ExportReport* report) {
   totals.encode_ms += stats.encode_ms;
   ++report->frames_made;
   for (const frames::Warning& warning : frame.warnings) {
-    if (report->warnings.size() < kMaxWarnings) {
+    if (options.on_warning) {
+      options.on_warning(warning);
+    }
+    const bool known =
+        std::any_of(report->warnings.begin(), report->warnings.end(),
+                    [&](const frames::Warning& other) { return other.message == warning.message; });
+    if (!known && report->warnings.size() < kMaxWarnings) {
       report->warnings.push_back(warning);
     }
   }
@@ -218,7 +225,7 @@ Status ExportPictures(FrameProvider& provider, const ExportOptions& options,
       provider, todo, shot,
       [&](const PlannedFrame& planned_frame, const frames::Frame& frame) -> Status {
         FOVEA_RETURN_IF_ERROR(WritePicture(planned_frame.path, format, frame));
-        AddFrame(frame, report);
+        AddFrame(frame, options, report);
         const int64_t done = report->frames_made + report->frames_skipped;
         const bool go_on = progress({done, report->frames_total, planned_frame.path});
         return go_on || done == report->frames_total
@@ -250,7 +257,7 @@ Status ExportMovie(FrameProvider& provider, const ExportOptions& options,
       provider, planned, shot,
       [&](const PlannedFrame&, const frames::Frame& frame) -> Status {
         FOVEA_RETURN_IF_ERROR(writer->Write(frame.pixels));
-        AddFrame(frame, report);
+        AddFrame(frame, options, report);
         const bool go_on = progress({report->frames_made, report->frames_total, options.output});
         return go_on || report->frames_made == report->frames_total
                    ? absl::OkStatus()

@@ -36,6 +36,8 @@ struct ExportOptions {
   /// Called for a picture that could not be rendered, which is then left out; empty: it ends the
   /// export. Not for movies, nor for files that cannot be written.
   std::function<void(const PlannedFrame&, const Status&)> on_failure;
+  /// Called for each warning of each frame made, as it is made; may be empty.
+  std::function<void(const frames::Warning&)> on_warning;
 };
 
 struct ExportReport {
@@ -47,7 +49,7 @@ struct ExportReport {
   frames::FrameSpec spec;                 // of the first frame, nothing left to default
   frames::FrameStats totals;              // summed over the frames made
   std::vector<std::string> notes;         // what was decided for the user, one line each
-  std::vector<frames::Warning> warnings;  // of the frames, at most 16
+  std::vector<frames::Warning> warnings;  // of the frames, each once, at most 16
 };
 
 struct ExportProgress {

@@ -29,6 +29,9 @@ struct Failure {
 /// How many records of failures are kept of a job; further ones are counted.
 inline constexpr size_t kMaxFailures = 1000;
 
+/// How many different warnings are kept of a job, the last of which says that there were more.
+inline constexpr size_t kMaxWarnings = 100;
+
 struct Progress {
   int64_t done = 0, total = 0;  // steps or frames, of earlier runs too; total 0: not known yet
   int64_t failed = 0;
@@ -47,7 +50,8 @@ struct Job {
   Progress progress;
   std::string message;  // why it failed
   std::vector<Failure> failures;
-  int64_t created_ms = 0;  // since 1970 (UTC)
+  std::vector<std::string> warnings;  // each once, one line; of earlier runs, too
+  int64_t created_ms = 0;             // since 1970 (UTC)
   std::optional<int64_t> started_ms, ended_ms;
 
   // Only while it runs, and not in the table:

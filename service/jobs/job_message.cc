@@ -22,6 +22,10 @@ v1::Job ToProto(const Job& job) {
     told->set_file(failure.file);
     told->set_reason(failure.reason);
   }
+  for (const std::string& warning : job.warnings) {
+    proto.add_warnings(warning);
+  }
+  proto.set_warning_count(job.warnings.size());
   proto.set_created_ms(job.created_ms);
   if (job.started_ms) {
     proto.set_started_ms(*job.started_ms);

@@ -14,6 +14,7 @@ struct Writer {
   Json operator()(const Failure& failure) const {
     return {{"file", failure.file}, {"reason", failure.reason}};
   }
+  Json operator()(const WarningReport& report) const { return {{"warning", report.text}}; }
   Json operator()(const EndReport& report) const {
     return {{"code", static_cast<int>(report.status.code())},
             {"message", std::string(MessageOf(report.status))}};
@@ -50,6 +51,10 @@ std::optional<Report> FromLine(std::string_view line) {
   Failure failure;
   if (Take(json, "file", &failure.file) && Take(json, "reason", &failure.reason)) {
     return failure;
+  }
+  WarningReport warning;
+  if (Take(json, "warning", &warning.text)) {
+    return warning;
   }
   int code = 0;
   std::string message;

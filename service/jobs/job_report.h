@@ -16,10 +16,13 @@ struct ProgressReport {
   int64_t done = 0, total = 0;
   std::string now;  // the file in hand
 };
+struct WarningReport {
+  std::string text;
+};
 struct EndReport {
   Status status;
 };
-using Report = std::variant<ProgressReport, Failure, EndReport>;
+using Report = std::variant<ProgressReport, Failure, WarningReport, EndReport>;
 
 /// One line, with its end. Text that is not UTF-8 is mended.
 [[nodiscard]] std::string ToLine(const Report& report);

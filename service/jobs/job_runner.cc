@@ -18,6 +18,7 @@
 #include "engine/store/file.h"
 #include "engine/store/metadata.h"
 #include "service/jobs/safe_path.h"
+#include "service/wire/printable.h"
 
 namespace fovea::jobs {
 namespace {
@@ -69,6 +70,21 @@ Status MakeCanonical(Folders* folders) {
     }
   }
   return absl::OkStatus();
+}
+
+/// Keeps it, and logs it, if it says anything new. The table has a line for each.
+void TakeWarning(Job* job, std::string text) {
+  constexpr size_t kMaxBytes = 1000;
+  text = wire::Printable(text, kMaxBytes);
+  if (job->warnings.size() >= kMaxWarnings ||
+      std::find(job->warnings.begin(), job->warnings.end(), text) != job->warnings.end()) {
+    return;
+  }
+  if (job->warnings.size() + 1 == kMaxWarnings) {
+    text = "further warnings are left out";
+  }
+  spdlog::warn("job {}: {}", job->id, text);
+  job->warnings.push_back(std::move(text));
 }
 
 }  // namespace
@@ -339,6 +355,8 @@ void JobRunner::TakeReports(Live* live, const std::vector<Report>& reports, Atte
         if (job.failures.size() < kMaxFailures) {
           job.failures.push_back(*failure);
         }
+      } else if (const auto* warning = std::get_if<WarningReport>(&report)) {
+        TakeWarning(&job, warning->text);
       }
     }
     const int64_t made = job.progress.done - attempt->done_before;

@@ -1,13 +1,15 @@
 #include "service/jobs/job_table.h"
 
+#include <algorithm>
 #include <utility>
 
+#include <fmt/ranges.h>
 #include <sqlite3.h>
 
 namespace fovea::jobs {
 namespace {
 
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
 constexpr int kBusyMs = 5000;
 
 constexpr char kSchema[] =
@@ -15,18 +17,38 @@ constexpr char kSchema[] =
     " kind INTEGER NOT NULL, state INTEGER NOT NULL, owner TEXT NOT NULL, dataset TEXT NOT NULL,"
     " target TEXT NOT NULL, request BLOB NOT NULL, done INTEGER NOT NULL, total INTEGER NOT NULL,"
     " failed INTEGER NOT NULL, message TEXT NOT NULL, created_ms INTEGER NOT NULL,"
-    " started_ms INTEGER, ended_ms INTEGER);"
+    " started_ms INTEGER, ended_ms INTEGER, warnings TEXT NOT NULL DEFAULT '');"
     "CREATE INDEX jobs_of_owner ON jobs(owner, number);"
     "CREATE INDEX jobs_unended ON jobs(number) WHERE state < 3;"
     "CREATE TABLE failures(job INTEGER NOT NULL REFERENCES jobs(number) ON DELETE CASCADE,"
     " number INTEGER NOT NULL, file TEXT NOT NULL, reason TEXT NOT NULL,"
     " PRIMARY KEY(job, number)) WITHOUT ROWID;"
-    "PRAGMA user_version = 1;";
+    "PRAGMA user_version = 2;";
+
+/// From version 1.
+constexpr char kMigration[] =
+    "ALTER TABLE jobs ADD COLUMN warnings TEXT NOT NULL DEFAULT '';"
+    "PRAGMA user_version = 2;";
 
 /// In the order of Statement::ReadJob.
 #define FOVEA_JOB_COLUMNS                                                                      \
   "number, id, kind, state, owner, dataset, target, done, total, failed, message, created_ms," \
-  " started_ms, ended_ms, "
+  " started_ms, ended_ms, warnings, "
+
+/// Warnings are lines of one text.
+std::string JoinLines(const std::vector<std::string>& lines) {
+  return fmt::format("{}", fmt::join(lines, "\n"));
+}
+
+std::vector<std::string> SplitLines(const std::string& text) {
+  std::vector<std::string> lines;
+  for (size_t at = 0; at < text.size();) {
+    const size_t end = std::min(text.find('\n', at), text.size());
+    lines.push_back(text.substr(at, end - at));
+    at = end + 1;
+  }
+  return lines;
+}
 
 }  // namespace
 
@@ -88,7 +110,8 @@ class JobTable::Statement {
     job.created_ms = Int(11);
     job.started_ms = OptionalInt(12);
     job.ended_ms = OptionalInt(13);
-    job.request = Text(14);
+    job.warnings = SplitLines(Text(14));
+    job.request = Text(15);
     return job;
   }
 
@@ -136,9 +159,12 @@ Status JobTable::Prepare() {
     }
     FOVEA_RETURN_IF_ERROR(Error(statement.code()));
   }
-  if (version == 0 && tables == 0) {
+  const char* const making = version == 0 && tables == 0 ? kSchema
+                             : version == 1              ? kMigration
+                                                         : nullptr;
+  if (making != nullptr) {
     FOVEA_RETURN_IF_ERROR(Execute("BEGIN IMMEDIATE"));
-    Status status = Execute(kSchema);
+    Status status = Execute(making);
     return status.ok() ? Execute("COMMIT") : status;
   }
   if (version != kVersion) {
@@ -257,9 +283,10 @@ Status JobTable::Update(const Job& job, size_t first_failure) {
 }
 
 Status JobTable::Write(const Job& job, size_t first_failure) {
+  const std::string warnings = JoinLines(job.warnings);
   Statement statement(database_,
                       "UPDATE jobs SET state = ?, done = ?, total = ?, failed = ?, message = ?,"
-                      " started_ms = ?, ended_ms = ? WHERE number = ?");
+                      " started_ms = ?, ended_ms = ?, warnings = ? WHERE number = ?");
   statement.Bind(static_cast<int64_t>(job.state))
       .Bind(job.progress.done)
       .Bind(job.progress.total)
@@ -267,6 +294,7 @@ Status JobTable::Write(const Job& job, size_t first_failure) {
       .Bind(job.message)
       .Bind(job.started_ms)
       .Bind(job.ended_ms)
+      .Bind(warnings)
       .Bind(job.number)
       .Step();
   FOVEA_RETURN_IF_ERROR(Error(statement.code()));

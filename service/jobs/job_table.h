@@ -37,8 +37,8 @@ class JobTable {
                                                 int64_t limit);
   /// Those that are queued or run, oldest first, without failures.
   [[nodiscard]] StatusOr<std::vector<Job>> Unended();
-  /// State, progress, message and times, and the failures from number `first_failure` on, in whose
-  /// place none were yet; with 0 those that were are dropped.
+  /// State, progress, message, warnings and times, and the failures from number `first_failure` on,
+  /// in whose place none were yet; with 0 those that were are dropped.
   [[nodiscard]] Status Update(const Job& job, size_t first_failure);
   /// Drops the oldest jobs that have ended, beyond `keep` of them.
   [[nodiscard]] Status Prune(int64_t keep);

@@ -17,17 +17,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
+std::string WithoutRoots(std::string text, const Folders& folders) {
+  for (const std::string& root : {folders.ingest_root, folders.export_root, folders.root}) {
+    if (!root.empty()) {
+      text = WithoutFolder(std::move(text), root);
+    }
+  }
+  return text;
+}
+
 Status Shorten(const Status& status, const Folders& folders) {
   if (status.ok()) {
     return status;
   }
-  std::string message(MessageOf(status));
-  for (const std::string& root : {folders.ingest_root, folders.export_root, folders.root}) {
-    if (!root.empty()) {
-      message = WithoutFolder(std::move(message), root);
-    }
-  }
-  return MakeStatus(status.code(), message);
+  return MakeStatus(status.code(), WithoutRoots(std::string(MessageOf(status)), folders));
 }
 
 int64_t CommittedSteps(const std::string& store) {
@@ -80,6 +83,9 @@ Status Ingest(const v1::IngestFilesRequest& request, const Folders& folders, int
     TellFailure(status, now, hooks);
     return status;
   }
+  for (const std::string& warning : report->warnings) {
+    hooks.tell(WarningReport{WithoutRoots(warning, folders)});
+  }
   const int64_t steps = report->steps_before + report->steps;
   hooks.tell(ProgressReport{steps, steps, ""});
   return absl::OkStatus();
@@ -95,6 +101,9 @@ Status Export(const v1::CreateExportRequest& request, const Folders& folders, in
                          exports::OpenLocal(DatasetPath(folders, request.dataset()), threads));
   options.on_failure = [&](const exports::PlannedFrame& frame, const Status& status) {
     hooks.tell(Failure{short_path(frame.path), std::string(MessageOf(Shorten(status, folders)))});
+  };
+  options.on_warning = [&](const frames::Warning& warning) {
+    hooks.tell(WarningReport{warning.message});
   };
   const auto report =
       exports::Export(*provider, options, [&](const exports::ExportProgress& progress) {

@@ -12,7 +12,7 @@
 namespace fovea::jobs {
 
 struct RunHooks {
-  std::function<void(const Report&)> tell;  // progress and failures, not the end
+  std::function<void(const Report&)> tell;  // progress, failures and warnings, not the end
   std::function<bool()> stopped;            // asked between steps and frames
 };
 

@@ -78,9 +78,11 @@ StatusOr<v1::ListJobsResponse> List(Services& services, const access::Caller& ca
     jobs.pop_back();
     response.set_next_page_token(wire::PageTokenAfter(std::to_string(jobs.back().number)));
   }
-  for (jobs::Job& job : jobs) {
-    job.failures.clear();
-    *response.add_jobs() = jobs::ToProto(job);
+  for (const jobs::Job& job : jobs) {
+    v1::Job* listed = response.add_jobs();
+    *listed = jobs::ToProto(job);
+    listed->clear_failures();
+    listed->clear_warnings();
   }
   return response;
 }

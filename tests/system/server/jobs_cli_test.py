@@ -154,6 +154,17 @@ class Jobs(support.FoveaTest):
             self.assertIn("state     done, 2 of 3 frames, 1 failed", partly.stdout)
             self.assertIn("failed    d.1.png: ", partly.stdout)
             self.assertIn("1 of 3 frames could not be made", partly.stderr)
+            # Without --strict they are made of what is left, and that is said.
+            coarser = self.fovea("jobs", "export", "damaged", "-o", "w.#.png", "--size", "32x32", *to,
+                                 "--watch").stdout
+            self.assertIn("state     done, 3 of 3 frames, 1 warning\n", coarser)
+            self.assertRegex(coarser, r"warning   \d+ damaged chunks of 'density' at step 1 were left")
+            self.assertIn("3 of 3 frames, 1 warning\n", self.fovea("jobs", *to).stdout)
+            newest = self.fovea_json("jobs", "--newest", 1, *to)["jobs"][0]
+            self.assertEqual(newest["warning_count"], 1)
+            self.assertNotIn("warnings", newest)
+            self.assertEqual(len(self.state_of(newest, server)["warnings"]), 1)
+            self.assertRegex(server.log(), rf"{newest['id']}: \d+ damaged chunks of 'density'")
 
     def test_a_gap_is_met_as_the_flag_says(self):
         for step in (0, 1, 3):  # the smallest distance between two is that of the series
@@ -164,6 +175,8 @@ class Jobs(support.FoveaTest):
                                      "--wavelet", "cdf53", "--tolerance", 0.5, "--field", "heat", *how,
                                      "--server", server.address, "--watch")
                 self.assertEqual(result.returncode, 0 if steps else 1, result.stderr)
+                self.assertEqual("warning   there are no files of 2" in result.stdout, bool(steps),
+                                 result.stdout)
                 if steps:
                     made = self.fovea_json("info", self.folder / f"root/gap{steps}.zarr")
                     self.assertEqual((made["committed_steps"], made["wavelet"],

@@ -21,6 +21,7 @@ TEST(JobReportTest, LinesComeBack) {
   EXPECT_EQ(progress.total, 7);
   EXPECT_EQ(progress.now, "a \"file\"\nname.raw");
   EXPECT_EQ(Back(Failure{"f.raw", "why"}), (Failure{"f.raw", "why"}));
+  EXPECT_EQ(Back(WarningReport{"odd"}).text, "odd");
   EXPECT_EQ(Back(EndReport{NotFound("gone")}).status, NotFound("gone"));
   EXPECT_EQ(Back(EndReport{absl::OkStatus()}).status, absl::OkStatus());
   EXPECT_EQ(Back(Failure{"\xff.raw", ""}).file, "\xEF\xBF\xBD.raw");

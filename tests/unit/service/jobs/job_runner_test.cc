@@ -62,8 +62,9 @@ class JobRunnerTest : public ::testing::Test {
                         .export_root = folder_.Path("out")},
             .threads = 2};
   }
-  void Open() {
-    auto runner = JobRunner::Open(Options());
+  void Open() { Open(Options()); }
+  void Open(const RunnerOptions& options) {
+    auto runner = JobRunner::Open(options);
     ASSERT_OK(runner.status());
     runner_ = *std::move(runner);
   }
@@ -106,6 +107,20 @@ class JobRunnerTest : public ::testing::Test {
     job.target = output;
     job.request = request.SerializeAsString();
     return runner_->Create(job);
+  }
+  /// Four steps, with these chunks of it damaged.
+  void MakeDamagedBall(const std::string& array, const std::string& chunks) {
+    const std::string path = folder_.Path("root/ball.zarr");
+    ASSERT_OK(store::testing::MakeStore(path, store::testing::MakeInfo({40, 36, 30}, 16), 4));
+    int damaged = 0;
+    for (const std::string& file : store::testing::FilesBelow(path)) {
+      const std::string name = fs::path(file).filename().string();
+      if (file.find(array) != std::string::npos && name.starts_with(chunks)) {
+        store::testing::FlipByte(file, 4);
+        ++damaged;
+      }
+    }
+    ASSERT_GT(damaged, 0);
   }
   template <typename Condition>
   Job Until(const StatusOr<Job>& job, Condition condition) {
@@ -278,17 +293,7 @@ TEST_F(JobRunnerTest, AFullStateFolderRefusesJobsAndStopsNone) {
 }
 
 TEST_F(JobRunnerTest, AnExportGoesOnAfterFramesThatCannotBeMade) {
-  const std::string path = folder_.Path("root/ball.zarr");
-  ASSERT_OK(store::testing::MakeStore(path, store::testing::MakeInfo({40, 36, 30}, 16), 4));
-  int damaged = 0;
-  for (const std::string& file : store::testing::FilesBelow(path)) {
-    const std::string name = fs::path(file).filename().string();
-    if (file.find("density/coarse") != std::string::npos && name.starts_with("c.2.")) {
-      store::testing::FlipByte(file, 4);
-      ++damaged;
-    }
-  }
-  ASSERT_GT(damaged, 0);
+  MakeDamagedBall("density/coarse", "c.2.");
   const Job job = Ended(Export("shot/f.##.png", true));
   EXPECT_EQ(job.state, State::kDone) << job.message;
   EXPECT_EQ(job.progress, (Progress{3, 4, 1}));
@@ -296,6 +301,36 @@ TEST_F(JobRunnerTest, AnExportGoesOnAfterFramesThatCannotBeMade) {
   EXPECT_EQ(job.failures[0].file, "shot/f.102.png");
   EXPECT_TRUE(fs::exists(folder_.Path("out/shot/f.03.png")));
   EXPECT_FALSE(fs::exists(folder_.Path("out/shot/f.102.png")));
+}
+
+TEST_F(JobRunnerTest, WhatIsMissingInAPictureIsToldAndKept) {
+  MakeDamagedBall("density/detail", "c.1.");
+  for (const char* output : {"f.##.png", "f.mp4"}) {
+    const Job job = Ended(Export(output, false));
+    EXPECT_EQ(job.state, State::kDone) << job.message;
+    EXPECT_EQ(job.progress, (Progress{4, 4, 0}));
+    ASSERT_EQ(job.warnings.size(), 1) << output;
+    EXPECT_NE(job.warnings[0].find("damaged chunks of 'density' at step 1"), std::string::npos)
+        << job.warnings[0];
+    EXPECT_EQ(runner_->Get("", job.id)->warnings, job.warnings);
+  }
+}
+
+TEST_F(JobRunnerTest, WarningsAreKeptOnceEachAndSoMany) {
+  const std::string program = folder_.Path("warns");
+  std::ofstream(program) << "#!/bin/sh\ncat > /dev/null\n"
+                            "for i in $(seq 0 399); do echo '{\"warning\":\"'$((i % 200))'\\n\"}'; "
+                            "done\necho '{\"code\":0,\"message\":\"\"}'\n";
+  fs::permissions(program, fs::perms::owner_all);
+  runner_.reset();
+  RunnerOptions options = Options();
+  options.program = program;
+  Open(options);
+  const Job job = Ended(Export("f.#.png", false));
+  ASSERT_EQ(job.warnings.size(), kMaxWarnings);
+  EXPECT_EQ(job.warnings[0], "0\\x0a");
+  EXPECT_EQ(job.warnings[98], "98\\x0a");
+  EXPECT_EQ(job.warnings[99], "further warnings are left out");
 }
 
 TEST_F(JobRunnerTest, AnothersJobIsNotThere) {

@@ -3,6 +3,8 @@
 #include <fstream>
 #include <limits>
 
+#include <sqlite3.h>
+
 #include "tests/support/status_matchers.h"
 #include "tests/support/temporary_folder.h"
 
@@ -53,6 +55,7 @@ TEST_F(JobTableTest, AJobComesBackAfterAReopening) {
   job.progress = {3, 9, 2};
   job.message = "it's; \"why\"";
   job.failures = {{"a", "x"}, {"b", "y"}};
+  job.warnings = {"one; 'of' them", "two"};
   job.started_ms = 18;
   job.ended_ms = 19;
   ASSERT_OK(table_->Update(job, 0));
@@ -69,6 +72,8 @@ TEST_F(JobTableTest, AJobComesBackAfterAReopening) {
   EXPECT_EQ(back->progress, job.progress);
   EXPECT_EQ(back->message, job.message);
   EXPECT_EQ(back->failures, job.failures);
+  EXPECT_EQ(back->warnings, job.warnings);
+  EXPECT_EQ(back->request, job.request);
   EXPECT_EQ(back->created_ms, 17);
   EXPECT_EQ(back->started_ms, 18);
   EXPECT_EQ(back->ended_ms, 19);
@@ -110,6 +115,26 @@ TEST_F(JobTableTest, WhatHasNotEndedIsFoundAndWhatHasIsPruned) {
   ASSERT_EQ(unended->size(), 2);
   EXPECT_EQ(unended->at(0).id, "0");
   EXPECT_EQ(unended->at(1).request, std::string("bytes\0of it", 11));
+}
+
+TEST_F(JobTableTest, ATableOfTheVersionBeforeIsTakenOver) {
+  Job job = Add("old", "lab");
+  table_.reset();
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open(Path().c_str(), &database), SQLITE_OK);
+  EXPECT_EQ(
+      sqlite3_exec(database, "ALTER TABLE jobs DROP COLUMN warnings; PRAGMA user_version = 1;",
+                   nullptr, nullptr, nullptr),
+      SQLITE_OK);
+  sqlite3_close(database);
+  Reopen();
+  job.warnings = {"new"};
+  ASSERT_OK(table_->Update(job, 0));
+  Reopen();
+  const auto unended = table_->Unended();
+  ASSERT_EQ(unended->size(), 1);
+  EXPECT_EQ(unended->at(0).warnings, job.warnings);
+  EXPECT_EQ(unended->at(0).request, job.request);
 }
 
 TEST_F(JobTableTest, WhatIsNoTableIsRefusedAndKept) {
