@@ -270,6 +270,14 @@ Status JobRunner::Watch(const std::string& owner, const std::string& id,
   return absl::OkStatus();
 }
 
+JobRunner::Counts JobRunner::counts() {
+  const std::lock_guard lock(mutex_);
+  Counts counts = ended_;
+  counts.queued = std::ssize(queue_);
+  counts.running = std::ssize(live_) - counts.queued;
+  return counts;
+}
+
 void JobRunner::Work() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
@@ -418,6 +426,9 @@ void JobRunner::Finish(Live* live, const Status& status, Attempt* attempt) {
   Tell(live);
   const std::lock_guard lock(mutex_);
   if (!goes_on) {
+    ++(status.ok()                 ? ended_.done
+       : absl::IsCancelled(status) ? ended_.cancelled
+                                   : ended_.failed);
     live_.erase(live->job.id);
   }
 }

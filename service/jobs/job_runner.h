@@ -78,6 +78,12 @@ class JobRunner {
   [[nodiscard]] std::optional<Job> UnendedOn(const std::string& dataset);
   /// How it stands after that; one that runs ends within a second.
   [[nodiscard]] StatusOr<Job> Cancel(const std::string& owner, const std::string& id);
+  /// Of all owners: those that wait and run now, and those that ended since Open. Waits for no disk.
+  struct Counts {
+    int64_t queued = 0, running = 0;
+    int64_t done = 0, failed = 0, cancelled = 0;
+  };
+  [[nodiscard]] Counts counts();
   /// Until the listener is gone, or the job has ended.
   [[nodiscard]] Status Watch(const std::string& owner, const std::string& id,
                              std::weak_ptr<JobListener> listener);
@@ -128,6 +134,7 @@ class JobRunner {
   // the mutex.
   std::map<std::string, std::unique_ptr<Live>> live_;  // by id
   std::deque<Live*> queue_;
+  Counts ended_;  // without those that have not
   bool stopping_ = false;
   std::vector<std::thread> threads_;
 };

@@ -63,15 +63,26 @@ double Number(auto value) {
 void AddQueues(Services& services, Families* families) {
   const WorkPool::Counts renders = services.renders.counts();
   const WorkPool::Counts lookups = services.lookups.counts();
-  families->Gauge("fovea_queue_waiting", "Jobs that wait", "queue",
+  families->Gauge("fovea_queue_waiting", "Calls that wait to be rendered or looked up", "queue",
                   {{"render", Number(renders.waiting)}, {"lookup", Number(lookups.waiting)}});
   families->Gauge("fovea_queue_limit", "Calls that may wait", "queue",
                   {{"render", Number(services.renders.limits().max_waiting)},
                    {"lookup", Number(services.lookups.limits().max_waiting)}});
-  families->Gauge("fovea_queue_running", "Jobs that run", "queue",
+  families->Gauge("fovea_queue_running", "Calls that are rendered or looked up now", "queue",
                   {{"render", Number(renders.running)}, {"lookup", Number(lookups.running)}});
   families->Counter("fovea_queue_refused_total", "Calls that found a queue full", "queue",
                     {{"render", Number(renders.refused)}, {"lookup", Number(lookups.refused)}});
+}
+
+/// Of long work, which has a queue of its own.
+void AddJobs(jobs::JobRunner& runner, Families* families) {
+  const jobs::JobRunner::Counts counts = runner.counts();
+  families->Gauge("fovea_jobs", "Jobs that have not ended (ingests and exports)", "state",
+                  {{"queued", Number(counts.queued)}, {"running", Number(counts.running)}});
+  families->Counter("fovea_jobs_ended_total", "Jobs that ended", "state",
+                    {{"done", Number(counts.done)},
+                     {"failed", Number(counts.failed)},
+                     {"cancelled", Number(counts.cancelled)}});
 }
 
 void AddMemory(Services& services, Families* families) {
@@ -165,6 +176,9 @@ std::vector<MetricFamily> StateMetrics(Services& services, Acceptor& acceptor) {
   families.Counter("fovea_frames_rendered_total", "Frames rendered, sent or not", "",
                    {{"", Number(services.frames_rendered.load())}});
   AddQueues(services, &families);
+  if (services.jobs != nullptr) {
+    AddJobs(*services.jobs, &families);
+  }
   AddMemory(services, &families);
   if (services.catalogue->volumes() != nullptr) {
     AddVolumes(*services.catalogue->volumes(), &families);

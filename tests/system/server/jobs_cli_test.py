@@ -2,10 +2,12 @@
 
 import json
 import pathlib
+import re
 import signal
 import subprocess
 import sys
 import unittest
+import urllib.request
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "cli"))
 import numpy as np  # noqa: E402
@@ -165,6 +167,22 @@ class Jobs(support.FoveaTest):
             self.assertNotIn("warnings", newest)
             self.assertEqual(len(self.state_of(newest, server)["warnings"]), 1)
             self.assertRegex(server.log(), rf"{newest['id']}: \d+ damaged chunks of 'density'")
+
+    def test_metrics_count_jobs_by_state(self):
+        with self.serve("--admin", "127.0.0.1:0") as server:
+            admin = server.process.stdout.readline().rsplit(" ", 1)[1].strip()
+            to = ("--server", server.address)
+            one = ("ball_0.raw", *BALL, "--dataset", "counted", *to, "--watch")
+            self.fovea("jobs", "ingest", *one)
+            support.run("jobs", "ingest", *one, "--wavelet", "cdf53")  # it is there, and is haar
+            self.begin_long(server, "counted2")
+            with urllib.request.urlopen(f"http://{admin}/metrics", timeout=10) as reply:
+                text = reply.read().decode()
+            counts = dict(re.findall(r'^(fovea_jobs\S*) (\d+)', text, re.MULTILINE))
+            self.assertEqual(int(counts['fovea_jobs{state="queued"}']) +
+                             int(counts['fovea_jobs{state="running"}']), 1, text)
+            self.assertEqual([counts[f'fovea_jobs_ended_total{{state="{state}"}}']
+                              for state in ("done", "failed", "cancelled")], ["1", "1", "0"], text)
 
     def test_a_gap_is_met_as_the_flag_says(self):
         for step in (0, 1, 3):  # the smallest distance between two is that of the series
