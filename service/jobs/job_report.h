@@ -13,8 +13,8 @@
 namespace fovea::jobs {
 
 struct ProgressReport {
-  int64_t done = 0, total = 0;
-  std::string now;  // the file in hand
+  int64_t done = 0, total = 0;  // total 0: neither is known yet, and what was known stands
+  std::string now;              // the file in hand
 };
 struct WarningReport {
   std::string text;

@@ -351,9 +351,11 @@ void JobRunner::TakeReports(Live* live, const std::vector<Report>& reports, Atte
     Job& job = live->job;
     for (const Report& report : reports) {
       if (const auto* progress = std::get_if<ProgressReport>(&report)) {
-        job.progress.done = progress->done;
-        job.progress.total = progress->total;
         job.now = progress->now;
+        if (progress->total > 0) {
+          job.progress.done = progress->done;
+          job.progress.total = progress->total;
+        }
         if (attempt->done_before < 0 && progress->total > 0) {
           attempt->done_before = progress->done;
           attempt->first_progress = now;
@@ -426,9 +428,7 @@ void JobRunner::Finish(Live* live, const Status& status, Attempt* attempt) {
   Tell(live);
   const std::lock_guard lock(mutex_);
   if (!goes_on) {
-    ++(status.ok()                 ? ended_.done
-       : absl::IsCancelled(status) ? ended_.cancelled
-                                   : ended_.failed);
+    ++(status.ok() ? ended_.done : absl::IsCancelled(status) ? ended_.cancelled : ended_.failed);
     live_.erase(live->job.id);
   }
 }

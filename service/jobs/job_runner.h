@@ -78,7 +78,8 @@ class JobRunner {
   [[nodiscard]] std::optional<Job> UnendedOn(const std::string& dataset);
   /// How it stands after that; one that runs ends within a second.
   [[nodiscard]] StatusOr<Job> Cancel(const std::string& owner, const std::string& id);
-  /// Of all owners: those that wait and run now, and those that ended since Open. Waits for no disk.
+  /// Of all owners: those that wait and run now, and those that ended since Open. Waits for no
+  /// disk.
   struct Counts {
     int64_t queued = 0, running = 0;
     int64_t done = 0, failed = 0, cancelled = 0;

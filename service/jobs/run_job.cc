@@ -10,6 +10,7 @@
 #include "engine/store/metadata.h"
 #include "ingest/sequence.h"
 #include "service/export/frame_provider.h"
+#include "service/jobs/ingest_errors.h"
 #include "service/jobs/safe_path.h"
 
 namespace fovea::jobs {
@@ -42,21 +43,24 @@ int64_t CommittedSteps(const std::string& store) {
   return dataset.ok() ? (*dataset)->info().committed_steps : 0;
 }
 
-/// Every file that a series is read from, with what the first look at it finds.
-StatusOr<int64_t> CheckFiles(const ingest::IngestOptions& options, const Folders& folders) {
+/// What a series is read from, checked.
+struct Series {
+  int64_t files = 0;               // that are looked at first
+  std::vector<std::string> names;  // of all, below the ingest root
+};
+
+StatusOr<Series> FindSeries(const ingest::IngestOptions& options, const Folders& folders) {
   FOVEA_ASSIGN_OR_RETURN(const auto files,
                          ingest::ResolveInputs(options.inputs, options.on_missing));
+  Series series{std::ssize(files), {}};
   for (const ingest::SequenceFile& file : files) {
-    FOVEA_RETURN_IF_ERROR(CheckBelow(folders.ingest_root, file.Paths()));
+    const std::vector<std::string> paths = file.Paths();
+    FOVEA_RETURN_IF_ERROR(CheckBelow(folders.ingest_root, paths));
+    for (const std::string& path : paths) {
+      series.names.push_back(WithoutFolder(path, folders.ingest_root));
+    }
   }
-  return static_cast<int64_t>(files.size());
-}
-
-/// A failure of the file in hand, unless it was nobody's fault or the disk's.
-void TellFailure(const Status& status, const std::string& file, const RunHooks& hooks) {
-  if (!absl::IsCancelled(status) && !absl::IsResourceExhausted(status) && !file.empty()) {
-    hooks.tell(Failure{file, std::string(MessageOf(status))});
-  }
+  return series;
 }
 
 Status Ingest(const v1::IngestFilesRequest& request, const Folders& folders, int threads,
@@ -64,27 +68,29 @@ Status Ingest(const v1::IngestFilesRequest& request, const Folders& folders, int
   FOVEA_ASSIGN_OR_RETURN(ingest::IngestOptions options, IngestOptionsOf(request, folders));
   options.threads = threads;
   FOVEA_RETURN_IF_ERROR(PathBelow(folders.root, request.dataset() + ".zarr").status());
-  FOVEA_ASSIGN_OR_RETURN(const int64_t files, CheckFiles(options, folders));
+  FOVEA_ASSIGN_OR_RETURN(const Series series, FindSeries(options, folders));
   std::error_code ignored;  // what cannot be made is reported by the store, with its path
   fs::create_directories(fs::path(options.output).parent_path(), ignored);
   const int64_t before = CommittedSteps(options.output);
-  std::string now;
   int64_t looks = 0;
   const auto report = ingest::Ingest(options, [&](const ingest::IngestProgress& progress) {
-    now = WithoutFolder(progress.now, folders.ingest_root);
-    // The first pass looks at each file; how many steps there are is known after it.
-    const bool looking = looks++ < files;
-    hooks.tell(ProgressReport{before + progress.steps_done,
-                              looking ? 0 : before + progress.steps_total, now});
+    // The first pass looks at each file; how many steps there are, and whether those that the
+    // store has are of this series, is known after it.
+    const std::string now = WithoutFolder(progress.now, folders.ingest_root);
+    hooks.tell(looks++ < series.files ? ProgressReport{0, 0, now}
+                                      : ProgressReport{before + progress.steps_done,
+                                                       before + progress.steps_total, now});
     return !hooks.stopped();
   });
   if (!report.ok()) {
     const Status status = Shorten(report.status(), folders);
-    TellFailure(status, now, hooks);
-    return status;
+    if (const auto failure = FailureOf(MessageOf(status), series.names)) {
+      hooks.tell(*failure);
+    }
+    return MakeStatus(status.code(), ForJobs(std::string(MessageOf(status))));
   }
   for (const std::string& warning : report->warnings) {
-    hooks.tell(WarningReport{WithoutRoots(warning, folders)});
+    hooks.tell(WarningReport{ForJobs(WithoutRoots(warning, folders))});
   }
   const int64_t steps = report->steps_before + report->steps;
   hooks.tell(ProgressReport{steps, steps, ""});

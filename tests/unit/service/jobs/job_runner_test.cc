@@ -216,12 +216,23 @@ TEST_F(JobRunnerTest, AFileThatCannotBeReadIsNamed) {
   EXPECT_EQ(job.progress.failed, 1);
   ASSERT_EQ(job.failures.size(), 1);
   EXPECT_EQ(job.failures[0].file, "s_02.raw");
-  EXPECT_EQ(job.failures[0].reason, job.message);
+  EXPECT_EQ(job.message, "s_02.raw: " + job.failures[0].reason);
   EXPECT_EQ(job.message.find(folder_.Path("in")), std::string::npos) << job.message;
   EXPECT_EQ(runner_->Get("", job.id)->failures, job.failures);
   WriteRaw("s_02.raw", kEdge * kEdge * kEdge, 2);
   EXPECT_EQ(Ended(Ingest("s_##.raw", kRaw)).state, State::kDone);
   ExpectAsPlainIngest();
+}
+
+TEST_F(JobRunnerTest, WhatIsNoFilesFaultBlamesNone) {
+  ASSERT_OK(store::testing::MakeStore(Made(), store::testing::MakeInfo({40, 36, 30}, 16), 4));
+  WriteSeries(2);
+  const Job job = Ended(Ingest("s_##.raw", kRaw));
+  EXPECT_EQ(job.state, State::kFailed);
+  EXPECT_NE(job.message.find("made.zarr' is there already"), std::string::npos) << job.message;
+  EXPECT_NE(job.message.find("a job has no --append"), std::string::npos) << job.message;
+  EXPECT_EQ(job.progress, Progress());  // the four steps there are not this series'
+  EXPECT_TRUE(job.failures.empty());
 }
 
 TEST_F(JobRunnerTest, FilesOutsideOfTheRootAreNotThere) {
