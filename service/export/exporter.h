@@ -57,6 +57,9 @@ struct ExportProgress {
   std::string now;              // the file in hand
 };
 
+/// INVALID_ARGUMENT for a name that is no movie's, nor that of numbered pictures.
+[[nodiscard]] Status ValidateOutputName(const std::string& output);
+
 /// INVALID_ARGUMENT for options that cannot be meant, told without touching the dataset: a name
 /// without a number's place, shards of a movie, a fovea marker in linear pictures ...
 [[nodiscard]] Status ValidateExport(const ExportOptions& options);

@@ -47,11 +47,25 @@ StatusOr<std::vector<PlannedFrame>> PlanAnimation(const frames::Animation& anima
 
 }  // namespace
 
+Status ValidateOutputName(const std::string& output) {
+  if (IsMovie(output)) {
+    return absl::OkStatus();
+  }
+  if (!PictureFormatOf(output).ok()) {
+    return InvalidArgument(
+        "'{}' ends in no format that can be written: pictures .png .jpg .exr .tif .npy .fvf, "
+        "movies "
+        ".mp4 .mov .webm",
+        output);
+  }
+  return FramePattern::Parse(output).status();
+}
+
 Status ValidateExport(const ExportOptions& options) {
   const bool movie = IsMovie(options.output);
+  FOVEA_RETURN_IF_ERROR(ValidateOutputName(options.output));
   if (!movie) {
     FOVEA_ASSIGN_OR_RETURN(const PictureFormat format, PictureFormatOf(options.output));
-    FOVEA_RETURN_IF_ERROR(FramePattern::Parse(options.output).status());
     if (options.spec.fovea_marker && EncodingFor(format) == frames::Encoding::kRawRgbaF32) {
       return InvalidArgument(
           "fovea_marker: the red dot is drawn in .png, .jpg and movies only, not "

@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <string_view>
 #include <utility>
 
 #include "ingest/ingest_checks.h"
-#include "service/export/movie_writer.h"
-#include "service/export/naming.h"
-#include "service/export/picture_file.h"
 #include "service/jobs/safe_path.h"
 #include "service/wire/convert.h"
 #include "service/wire/printable.h"
@@ -19,11 +17,13 @@
 namespace fovea::jobs {
 namespace {
 
+namespace fs = std::filesystem;
 constexpr int kMaxFiles = 1000;
 constexpr int kMaxGrids = 64;
 constexpr size_t kMaxGridBytes = 256;
 constexpr size_t kMaxRawBytes = 128;
 constexpr size_t kMaxFieldBytes = 64;
+constexpr int kMaxOutputParts = 16;
 constexpr size_t kMaxAnimationBytes = size_t{512} << 10;
 constexpr double kLeastRate = 1e-6, kGreatestRate = 1e6;
 
@@ -127,26 +127,59 @@ bool IsOutputCharacter(char c) {
          std::string_view("_.#%-/").find(c) != std::string_view::npos;
 }
 
+Status BadOutput(const std::string& output) {
+  return wire::BadField(
+      "output", fmt::format("'{}' is not below the server's export root: 1 to {} parts of "
+                            "[A-Za-z0-9_.#%-] between slashes, none beginning with '.', and no "
+                            "link that leads out",
+                            wire::Printable(output), kMaxOutputParts));
+}
+
 Status CheckOutput(const std::string& output) {
-  constexpr auto kMaxParts = 16;
-  if (output.empty() || !std::all_of(output.begin(), output.end(), IsOutputCharacter) ||
-      std::count(output.begin(), output.end(), '/') >= kMaxParts) {
-    return wire::BadField("output",
-                          fmt::format("'{}' is not 1 to {} parts of [A-Za-z0-9_.#%-] between "
-                                      "slashes",
-                                      wire::Printable(output), kMaxParts));
+  if (!std::all_of(output.begin(), output.end(), IsOutputCharacter) ||
+      std::count(output.begin(), output.end(), '/') >= kMaxOutputParts) {
+    return BadOutput(output);
   }
-  if (exports::IsMovie(output)) {
-    return absl::OkStatus();
+  if (output.find(".zarr/") != std::string::npos) {
+    return wire::BadField(
+        "output", fmt::format("'{}': a folder whose name ends in .zarr is a dataset's", output));
   }
-  Status status = exports::PictureFormatOf(output).status();
-  if (status.ok()) {
-    status = exports::FramePattern::Parse(output).status();
-  }
+  const Status status = exports::ValidateOutputName(output);
   return status.ok() ? status : wire::BadField("output", MessageOf(status));
 }
 
+/// Below the export root, also through links.
+StatusOr<std::string> OutputPath(const Folders& folders, const std::string& output) {
+  const auto path = PathBelow(folders.export_root, output);
+  return path.ok() ? path : BadOutput(output);
+}
+
+/// Exports must not write among the chunks of a dataset.
+Status CheckExportRoot(const Folders& folders) {
+  const fs::path exports = folders.export_root;
+  const bool in_store = std::any_of(exports.begin(), exports.end(), [](const fs::path& part) {
+    return part.extension() == ".zarr";
+  });
+  if (in_store || (!exports.empty() && IsBelow(folders.root, exports))) {
+    return FailedPrecondition(
+        "--export-root: '{}' {}: name a folder of its own, so that exports write to no dataset",
+        exports.string(), in_store ? "is in a dataset" : "is, or holds, the root that is served");
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
+
+Status MakeCanonical(Folders* folders) {
+  for (const auto& [path, flag] :
+       {std::pair{&folders->root, "ROOT"}, std::pair{&folders->ingest_root, "--ingest-root"},
+        std::pair{&folders->export_root, "--export-root"}}) {
+    if (!path->empty()) {
+      FOVEA_ASSIGN_OR_RETURN(*path, CanonicalFolder(*path, flag));
+    }
+  }
+  return CheckExportRoot(*folders);
+}
 
 std::string DatasetPath(const Folders& folders, const std::string& dataset) {
   return fmt::format("{}/{}.zarr", folders.root, dataset);
@@ -180,7 +213,7 @@ StatusOr<exports::ExportOptions> ExportOptionsOf(const v1::CreateExportRequest& 
   exports::ExportOptions options;
   FOVEA_RETURN_IF_ERROR(wire::CheckDatasetName(request.dataset()));
   FOVEA_RETURN_IF_ERROR(CheckOutput(request.output()));
-  FOVEA_ASSIGN_OR_RETURN(options.output, PathBelow(folders.export_root, request.output()));
+  FOVEA_ASSIGN_OR_RETURN(options.output, OutputPath(folders, request.output()));
   v1::RenderSequenceRequest range;
   range.set_dataset(request.dataset());
   *range.mutable_steps() = request.steps();

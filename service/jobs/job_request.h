@@ -12,7 +12,7 @@
 
 /// Requests of jobs as the options of what does the work, checked: what can be told without looking
 /// at a file or a dataset has been. Errors are INVALID_ARGUMENT and point at the field, but
-/// NOT_FOUND for a path that leads out of its root. Thread-safe.
+/// NOT_FOUND for a file that is read outside of its root. Thread-safe.
 namespace fovea::jobs {
 
 /// Where a server's jobs read and write. Empty: it does not serve such jobs. All canonical.
@@ -21,6 +21,10 @@ struct Folders {
   std::string ingest_root;  // of the files that may be ingested
   std::string export_root;  // of what exports make
 };
+
+/// Makes all canonical. NOT_FOUND, FAILED_PRECONDITION name the flag of a folder that is not there,
+/// or where exports would write to datasets.
+[[nodiscard]] Status MakeCanonical(Folders* folders);
 
 /// Folders::ingest_root must be there.
 [[nodiscard]] StatusOr<ingest::IngestOptions> IngestOptionsOf(const v1::IngestFilesRequest& request,

@@ -17,7 +17,6 @@
 #include "engine/store/dataset_writer.h"
 #include "engine/store/file.h"
 #include "engine/store/metadata.h"
-#include "service/jobs/safe_path.h"
 #include "service/wire/printable.h"
 
 namespace fovea::jobs {
@@ -59,17 +58,6 @@ StatusOr<int> LockFolder(const std::string& folder, std::chrono::milliseconds li
     std::this_thread::sleep_for(20ms);
   }
   return lock;
-}
-
-Status MakeCanonical(Folders* folders) {
-  for (const auto& [path, flag] :
-       {std::pair{&folders->root, "ROOT"}, std::pair{&folders->ingest_root, "--ingest-root"},
-        std::pair{&folders->export_root, "--export-root"}}) {
-    if (!path->empty()) {
-      FOVEA_ASSIGN_OR_RETURN(*path, CanonicalFolder(*path, flag));
-    }
-  }
-  return absl::OkStatus();
 }
 
 /// Keeps it, and logs it, if it says anything new. The table has a line for each.

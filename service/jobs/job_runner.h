@@ -57,7 +57,7 @@ class JobRunner {
   static constexpr int64_t kMaxEnded = 10'000;  // jobs that are kept after their end
 
   /// FAILED_PRECONDITION if another server uses the state folder, or it holds no table of ours;
-  /// NOT_FOUND names the flag of a folder that is not there.
+  /// for folders as MakeCanonical.
   [[nodiscard]] static StatusOr<std::unique_ptr<JobRunner>> Open(const RunnerOptions& options);
   /// As Stop.
   ~JobRunner();

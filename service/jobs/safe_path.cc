@@ -12,10 +12,6 @@ namespace {
 namespace fs = std::filesystem;
 constexpr size_t kMaxNameBytes = 1024;
 
-bool IsBelow(const fs::path& path, const fs::path& root) {
-  return std::mismatch(root.begin(), root.end(), path.begin(), path.end()).first == root.end();
-}
-
 bool IsSafeName(std::string_view name) {
   if (name.empty() || name.size() > kMaxNameBytes ||
       std::any_of(name.begin(), name.end(),
@@ -38,6 +34,12 @@ Status NotThere(std::string_view name) {
 }
 
 }  // namespace
+
+bool IsBelow(const std::string& path, const std::string& root) {
+  const fs::path below = path;
+  const fs::path above = root;
+  return std::mismatch(above.begin(), above.end(), below.begin(), below.end()).first == above.end();
+}
 
 StatusOr<std::string> CanonicalFolder(const std::string& path, std::string_view flag) {
   std::error_code error;

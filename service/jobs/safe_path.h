@@ -14,6 +14,9 @@ namespace fovea::jobs {
 /// The canonical path of a folder that a flag names. NOT_FOUND, FAILED_PRECONDITION name the flag.
 [[nodiscard]] StatusOr<std::string> CanonicalFolder(const std::string& path, std::string_view flag);
 
+/// Whether `path` is `root` or below it; both canonical.
+[[nodiscard]] bool IsBelow(const std::string& path, const std::string& root);
+
 /// `root`, canonical, and `name` below it. NOT_FOUND for an empty, absolute or too long name, parts
 /// that are empty, '.' or '..' or begin with '.', control characters, and for folders that are
 /// links out of the root. What is not there yet is no error.

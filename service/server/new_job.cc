@@ -6,6 +6,7 @@
 #include "service/frames/frames.h"
 #include "service/jobs/job_message.h"
 #include "service/jobs/job_request.h"
+#include "service/jobs/safe_path.h"
 #include "service/wire/convert.h"
 #include "service/wire/printable.h"
 #include "service/wire/requests.h"
@@ -19,6 +20,18 @@ Status CheckSees(const access::Caller& caller, const std::string& name) {
   return caller.Sees(name) ? absl::OkStatus()
                            : NotFound("'{}' is not there: name files below the folder '{}'",
                                       wire::Printable(name), caller.token().prefix);
+}
+
+/// At once for a name that is not there, or in no folder that is; whether a pattern has files the
+/// job finds out. `name` is below the root.
+Status CheckThere(const std::string& name, const std::string& root) {
+  const size_t slash = name.rfind('/');
+  const bool is_pattern =
+      name.find_first_of("*?[#%", slash == std::string::npos ? 0 : slash) != std::string::npos;
+  if (is_pattern && slash == std::string::npos) {
+    return absl::OkStatus();
+  }
+  return jobs::CheckBelow(root, {root + "/" + (is_pattern ? name.substr(0, slash) : name)});
 }
 
 StatusOr<v1::Job> Queue(jobs::JobRunner* runner, const access::Caller& caller, jobs::Job job) {
@@ -65,6 +78,9 @@ StatusOr<v1::Job> NewIngest(Services& services, const access::Caller& caller,
     FOVEA_RETURN_IF_ERROR(CheckSees(caller, file));
   }
   FOVEA_RETURN_IF_ERROR(jobs::IngestOptionsOf(request, runner->folders()).status());
+  for (const std::string& file : request.files()) {
+    FOVEA_RETURN_IF_ERROR(CheckThere(file, runner->folders().ingest_root));
+  }
   FOVEA_RETURN_IF_ERROR(services.catalogue->PathOfNew(request.dataset()).status());
   jobs::Job job;
   job.kind = jobs::Kind::kIngestFiles;
@@ -80,7 +96,11 @@ StatusOr<v1::Job> NewExport(Services& services, const access::Caller& caller,
     return FailedPrecondition(
         "this server exports no frames; it must be started with --export-root DIR");
   }
-  FOVEA_RETURN_IF_ERROR(CheckSees(caller, request.output()));
+  if (!caller.Sees(request.output())) {
+    return wire::BadField(
+        "output", fmt::format("'{}' is not below the folder '{}', where this token may write",
+                              wire::Printable(request.output()), caller.token().prefix));
+  }
   FOVEA_ASSIGN_OR_RETURN(const exports::ExportOptions options,
                          jobs::ExportOptionsOf(request, runner->folders()));
   FOVEA_ASSIGN_OR_RETURN(const auto dataset, services.catalogue->FindNow(request.dataset()));

@@ -19,7 +19,8 @@ namespace fovea::server {
 [[nodiscard]] Status NoJob(std::string_view id);
 
 /// Both: the request checked as far as it can be now, and its job queued for `caller`. They wait
-/// for the disk. Files and outputs outside of the caller's prefix are NOT_FOUND.
+/// for the disk. NOT_FOUND for files that are not there or outside of the caller's prefix, and for
+/// the folders of patterns; outputs outside of it are INVALID_ARGUMENT.
 [[nodiscard]] StatusOr<v1::Job> NewIngest(Services& services, const access::Caller& caller,
                                           const v1::IngestFilesRequest& request);
 [[nodiscard]] StatusOr<v1::Job> NewExport(Services& services, const access::Caller& caller,

@@ -366,6 +366,17 @@ TEST_F(JobRunnerTest, AStateFolderHasOneServer) {
   options.folders.export_root = folder_.Path("none");
   EXPECT_THAT(JobRunner::Open(options).status(),
               FailsWith(absl::StatusCode::kNotFound, "--export-root"));
+  fs::create_directories(folder_.Path("root/a.zarr/density"));
+  fs::create_directories(folder_.Path("root/pictures"));
+  for (const char* name : {"root", ".", "root/a.zarr", "root/a.zarr/density"}) {
+    options.folders.export_root = folder_.Path(name);
+    EXPECT_THAT(JobRunner::Open(options).status(),
+                FailsWith(absl::StatusCode::kFailedPrecondition, "--export-root"))
+        << name;
+  }
+  options.folders.export_root = folder_.Path("root/pictures");
+  EXPECT_THAT(JobRunner::Open(options).status(),
+              FailsWith(absl::StatusCode::kFailedPrecondition, "another server"));
 }
 
 }  // namespace

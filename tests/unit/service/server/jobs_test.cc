@@ -198,7 +198,9 @@ TEST_F(JobsTest, PrefixesHoldForFilesToo) {
   EXPECT_THAT(Export("lab", PlumeExport()), FailsWith(absl::StatusCode::kNotFound, "plume"));
   v1::CreateExportRequest shot = PlumeExport();
   shot.set_dataset("lab/other");
-  EXPECT_THAT(Export("lab", shot), FailsWith(absl::StatusCode::kNotFound, "shot/f.##.png"));
+  EXPECT_THAT(Export("lab", shot),
+              FailsWith(absl::StatusCode::kInvalidArgument, "not below the folder 'lab'"));
+  EXPECT_EQ(wire::FieldOf(Export("lab", shot).status()), "output");
   shot.set_output("lab/f.##.png");
   EXPECT_OK(Export("lab", shot).status());
 }
@@ -207,15 +209,26 @@ TEST_F(JobsTest, WrongRequestsNameTheFieldAndNothingLeadsOut) {
   Start();
   std::filesystem::create_directory_symlink(folder_.Path("."), folder_.Path("in/up"));
   std::filesystem::create_directory_symlink(folder_.Path("."), folder_.Path("out/up"));
-  for (const char* name : {"../tokens.json", "/etc/passwd", "up/tokens.json", ".hidden", ""}) {
+  for (const char* name : {"../tokens.json", "/etc/passwd", "up/tokens.json", ".hidden", "",
+                           "none.raw", "lab/none.raw", "none/a_#.raw", "up/in/lab/a_#.raw"}) {
     v1::IngestFilesRequest request = LabIngest();
     request.set_files(0, name);
     EXPECT_THAT(Ingest("all", request), FailsWith(absl::StatusCode::kNotFound, "is not there"));
   }
-  for (const char* name : {"../f.##.png", "/tmp/f.##.png", "up/f.##.png", "a/.f.##.png"}) {
+  for (const auto& [name, why] : std::vector<std::pair<const char*, const char*>>{
+           {"../f.##.png", "not below the server's export root"},
+           {"/tmp/f.##.png", "not below the server's export root"},
+           {"up/f.mp4", "not below the server's export root"},
+           {"a/.f.##.png", "not below the server's export root"},
+           {"a b.##.png", "not below the server's export root"},
+           {"plume.zarr/density/c.##.png", "is a dataset's"},
+           {"f.##.xyz", ".mp4 .mov .webm"},
+           {"", "''"}}) {
     v1::CreateExportRequest request = PlumeExport();
     request.set_output(name);
-    EXPECT_THAT(Export("all", request), FailsWith(absl::StatusCode::kNotFound, "is not there"));
+    const Status status = Export("all", request).status();
+    EXPECT_THAT(status, FailsWith(absl::StatusCode::kInvalidArgument, why));
+    EXPECT_EQ(wire::FieldOf(status), "output");
   }
   struct Wrong {
     const char* field;
