@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "ingest/quantise.h"
+#include "service/cli/checks.h"
 #include "service/cli/foreign_flags.h"
 
 namespace fovea::cli {
@@ -191,7 +192,7 @@ void AddOutputFlags(CLI::App* app, OutputOptions* output) {
 
 void AddThreadsFlag(CLI::App* app, int* threads) {
   app->add_option("--threads", *threads, "Processors to use (default 0: all; same result)")
-      ->check(CLI::Range(0, 1024))
+      ->check(Whole(0, 1024))
       ->type_name("N");
 }
 
@@ -296,7 +297,7 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
            ingest->raw->header_bytes = bytes;
          },
          "With --raw: bytes to skip at the start of each file")
-      ->check(CLI::NonNegativeNumber)
+      ->check(Whole(0))
       ->type_name("N")
       ->group(kForeignGroup);
   app->add_option("--grid", ingest->grids,
@@ -321,7 +322,7 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
       ->group(kForeignGroup);
   app->add_option("--slices", ingest->slices_per_step,
                   "Pictures: so many slices make a step (default: as the files are)")
-      ->check(CLI::PositiveNumber)
+      ->check(Whole(1))
       ->type_name("N")
       ->group(kForeignGroup);
   AddParsed(app, "--on-missing", "WHAT", ParseOnMissing, Into(&ingest->on_missing),
@@ -339,14 +340,14 @@ void AddForeignFlags(CLI::App* app, ingest::IngestOptions* ingest) {
       ->group(kForeignGroup);
   app->add_option("--worker-seconds", ingest->worker.seconds_per_file,
                   "How long it may take for one file (default 120)")
-      ->check(CLI::PositiveNumber)
+      ->check(Positive())
       ->type_name("S")
       ->group(kForeignGroup);
   app->add_option(
          "--worker-cpu-seconds", ingest->worker.cpu_seconds_per_file,
          "How much processor time it may take for one file, all threads together (default: "
          "--worker-seconds on every processor)")
-      ->check(CLI::PositiveNumber)
+      ->check(Positive())
       ->type_name("S")
       ->group(kForeignGroup);
 }
@@ -358,7 +359,7 @@ void AddTimeFlags(CLI::App* app, ingest::IngestOptions* ingest) {
   app->add_option("--fps", ingest->frames_per_second,
                   "Frames a second: the time of a step is its number / this (default: as the files "
                   "say, else 24)")
-      ->check(CLI::Range(1e-6, 1e6))
+      ->check(Within(1e-6, 1e6))
       ->type_name("R")
       ->excludes(times);
 }
@@ -394,19 +395,19 @@ void AddWatchFlags(CLI::App* app, IngestCommand* command) {
           ->group(kGroup);
   app->add_option("--watch-seconds", command->watching.idle_seconds,
                   "End when no file came for so long (default: at Ctrl-C)")
-      ->check(CLI::PositiveNumber)
+      ->check(Positive())
       ->type_name("S")
       ->needs(watch)
       ->group(kGroup);
   app->add_option("--gap-seconds", command->watching.gap_seconds,
                   "How long a missing number is waited for, before --on-missing (default 30)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(NotNegative())
       ->type_name("S")
       ->needs(watch)
       ->group(kGroup);
   app->add_option("--poll-seconds", command->watching.poll_seconds,
                   "How often the folder is looked through (default 1)")
-      ->check(CLI::Range(0.01, 3600.0))
+      ->check(Within(0.01, 3600))
       ->type_name("S")
       ->needs(watch)
       ->group(kGroup);

@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "service/cli/checks.h"
 #include "service/cli/console.h"
 #include "service/cli/flags.h"
 #include "service/cli/verbs.h"
@@ -71,7 +72,7 @@ void AddJobsIngest(CLI::App* jobs, JobsCommand* command) {
   app->add_option("--fps", request.frames_per_second,
                   "Frames a second: the time of a step is its number / this (default: as the files "
                   "say, else 24)")
-      ->check(CLI::Range(1e-6, 1e6))
+      ->check(Within(1e-6, 1e6))
       ->type_name("R");
   using Request = client::IngestRequest;
   AddChoice<Request::OnMissing>(app, "--on-missing",
@@ -95,7 +96,7 @@ void AddJobsIngest(CLI::App* jobs, JobsCommand* command) {
                 "Reversible integer coefficients, haar or cdf53: for voxels of 8 or 16 bits");
   app->add_option("--tolerance", request.tolerance,
                   "Quantised coefficients: no voxel is farther off, in data units")
-      ->check(CLI::PositiveNumber)
+      ->check(Positive())
       ->type_name("E");
   AddCommonFlags(app, command);
 }
@@ -127,7 +128,7 @@ void AddJobsExport(CLI::App* jobs, JobsCommand* command) {
       ->type_name("FILE.json");
   app->add_option("--fps", request.frames_per_second,
                   "Of a movie (default: from the times of the steps, or 24)")
-      ->check(CLI::Range(0.01, 1000.0))
+      ->check(Within(0.01, 1000))
       ->type_name("R");
   app->add_flag("--overwrite", request.overwrite, "Make everything again");
   AddPictureFlags(app, &request.spec);
@@ -153,7 +154,7 @@ CLI::App* AddJobs(CLI::App* app, JobsCommand* command) {
       ->type_name("ID");
   verb->add_flag("--cancel", command->cancel, "End this job; it is cancelled within a second");
   verb->add_option("--newest", command->newest, "Of all jobs, only so many (default: all)")
-      ->check(CLI::PositiveNumber)
+      ->check(Whole(1))
       ->type_name("N");
   AddCommonFlags(verb, command);
   AddJobsIngest(verb, command);

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <functional>
 #include <memory>
+#include <string_view>
 #include <utility>
 
 #include <CLI/CLI.hpp>
@@ -68,6 +69,19 @@ std::string VerbProblem(const CLI::App& app, const std::vector<std::string>& arg
   return fmt::format("{}; there are: {}", what, verbs);
 }
 
+/// What is wrong, in words that say which option it is about.
+std::string ProblemOf(const CLI::ParseError& error) {
+  constexpr std::string_view kCannot = "Could not convert: ";  // of CLI11: NAME = TEXT
+  std::string text = error.what();
+  const size_t equals = text.find(" = ");
+  if (text.starts_with(kCannot) && equals != std::string::npos) {
+    text =
+        fmt::format("{}: '{}' is not a number that it takes",
+                    text.substr(kCannot.size(), equals - kCannot.size()), text.substr(equals + 3));
+  }
+  return text;
+}
+
 const char* InstructionSet() {
 #if defined(__x86_64__)
   return "x86-64 baseline";
@@ -126,7 +140,7 @@ ParseResult ParseCommandLine(const std::vector<std::string>& arguments) {
          given = given.front()->get_subcommands()) {
       verb += " " + given.front()->get_name();
     }
-    return {std::nullopt, fmt::format("{}\nsee `fovea{} --help`", error.what(), verb),
+    return {std::nullopt, fmt::format("{}\nsee `fovea{} --help`", ProblemOf(error), verb),
             error.get_exit_code() == 1 ? 1 : 2};
   }
   const auto is_given = [](const Verb& verb) { return verb.app->parsed(); };

@@ -11,6 +11,7 @@
 
 #include "ingest/sensors/sensor_ingest.h"
 #include "ingest/sensors/voxel_box.h"
+#include "service/cli/checks.h"
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
 #include "service/cli/dataset_output.h"
@@ -185,7 +186,7 @@ void AddReadingFlags(CLI::App* verb, SensorOptions* ingest) {
   verb->add_option("--max-bad", ingest->max_bad,
                    "How many lines that cannot be read are left out; one more is an error "
                    "(default 0)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(Whole(0))
       ->type_name("N");
   AddText(
       verb, "--value-range", "LOW,HIGH",
@@ -231,12 +232,12 @@ void AddStepFlags(CLI::App* verb, SensorOptions* ingest) {
   verb->add_option("--watermark", ingest->steps.watermark_s,
                    "Seconds that a step stays open past its end for readings that come late "
                    "(default 0); later ones are left out, and counted")
-      ->check(CLI::NonNegativeNumber)
+      ->check(NotNegative())
       ->type_name("S");
   verb->add_option("--most-ahead", ingest->steps.most_ahead,
                    "Readings more windows ahead of all before them are left out: a broken clock "
                    "(default 1000)")
-      ->check(CLI::PositiveNumber)
+      ->check(Whole(1))
       ->type_name("N");
   AddText(
       verb, "--on-missing", "WHAT",
@@ -266,7 +267,7 @@ void AddVoxelFlags(CLI::App* verb, SensorOptions* ingest) {
   verb->add_option("--reach", ingest->fill.reach_voxels,
                    "Voxels farther from readings than a super-voxel this wide get the background "
                    "(default: all are filled)")
-      ->check(CLI::PositiveNumber)
+      ->check(Whole(1))
       ->type_name("VOXELS");
   verb->add_option("--background", ingest->fill.background,
                    "With --reach: the value out of reach (default 0)")

@@ -2,6 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "service/access/token_file.h"
+#include "service/cli/checks.h"
 #include "service/cli/console.h"
 #include "service/cli/flags.h"
 #include "service/cli/verbs.h"
@@ -27,13 +28,13 @@ CLI::App* AddToken(CLI::App* app, TokenCommand* command) {
       ->capture_default_str();
   access::Quotas& quotas = command->token.quotas;
   verb->add_option("--streams", quotas.streams, "Streams at once (default: no limit)")
-      ->check(CLI::Range(1, 1'000'000));
+      ->check(Whole(1, 1'000'000));
   verb->add_option("--pixels-per-second", quotas.pixels_per_second,
                    "Pixels rendered, over time (default: no limit)")
-      ->check(CLI::PositiveNumber);
+      ->check(Positive());
   verb->add_option("--bytes-in-per-second", quotas.bytes_in_per_second,
                    "Bytes of requests and uploads, over time (default: no limit)")
-      ->check(CLI::PositiveNumber);
+      ->check(Positive());
   AddOutputFlags(verb, &command->output);
   return verb;
 }

@@ -1,6 +1,7 @@
 #include <CLI/CLI.hpp>
 
 #include "ingest/ingest_checks.h"
+#include "service/cli/checks.h"
 #include "service/cli/console.h"
 #include "service/cli/flags.h"
 #include "service/cli/foreign_flags.h"
@@ -160,7 +161,7 @@ CLI::App* AddExtract(CLI::App* app, ExtractCommand* command) {
       ".npy is float32 of shape (z, y, x); .raw the same bytes without a header, x fastest.");
   AddDataset(verb, &command->dataset);
   verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(Whole(0))
       ->type_name("N");
   AddFieldFlag(verb, &command->field);
   const auto on_box = [command](const std::string& text) {

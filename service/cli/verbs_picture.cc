@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "service/cli/checks.h"
 #include "service/cli/console.h"
 #include "service/cli/flags.h"
 #include "service/cli/verbs.h"
@@ -40,10 +41,10 @@ CLI::App* AddPlan(CLI::App* app, PlanCommand* command) {
       "bound, milliseconds are a prediction. Of several budgets the tightest counts.");
   AddDataset(verb, &command->dataset);
   verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(Whole(0))
       ->type_name("N");
   verb->add_option("--budget-ms", command->budget.ms, "Milliseconds, without encoding")
-      ->check(CLI::PositiveNumber)
+      ->check(Positive())
       ->type_name("MS");
   verb->add_option("--budget-memory", command->budget.memory_bytes, "Memory, such as 64MiB")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
@@ -55,7 +56,7 @@ CLI::App* AddPlan(CLI::App* app, PlanCommand* command) {
       ->transform(not_negative)
       ->type_name("BYTES");
   verb->add_option("--budget-coefficients", command->budget.coefficients, "m, such as 500000")
-      ->check(CLI::PositiveNumber)
+      ->check(Whole(1))
       ->type_name("M");
   AddPictureFlags(verb, &command->spec);
   AddThreadsFlag(verb, &command->threads);
@@ -89,7 +90,7 @@ CLI::App* AddRender(CLI::App* app, RenderCommand* command) {
       "linear, premultiplied RGBA. What was not said is chosen, and printed as flags.");
   AddPictureInput(verb, &command->input);
   verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(Whole(0))
       ->type_name("N");
   verb->add_option("-o,--output", command->file, "The picture: .png .jpg .exr .tif .npy .fvf")
       ->required()
@@ -139,12 +140,12 @@ CLI::App* AddExport(CLI::App* app, ExportCommand* command) {
       ->type_name("FILE.json");
   verb->add_option("--orbit", command->orbit_deg, "Turn the view by so many degrees of azimuth")
       ->excludes("--animation")
-      ->check(CLI::Range(-36000.0, 36000.0))
+      ->check(Within(-36000, 36000))
       ->type_name("DEGREES");
   verb->add_option("--orbit-frames", command->orbit_frames,
                    "Frames of the turn (default: one a step, or 120 of a single step)")
       ->needs("--orbit")
-      ->check(CLI::Range(1, 1000000))
+      ->check(Whole(1, 1'000'000))
       ->type_name("N");
   verb->add_option("--fps", command->frames_per_second,
                    "Of a movie (default: from the times of the steps, or 24)")
@@ -187,10 +188,10 @@ CLI::App* AddBench(CLI::App* app, BenchCommand* command) {
       "measured without it.");
   AddDataset(verb, &command->dataset);
   verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(Whole(0))
       ->type_name("N");
   verb->add_option("--rounds", command->rounds, "How often, 1 to 1000 (default 5)")
-      ->check(CLI::Range(1, 1000))
+      ->check(Whole(1, 1000))
       ->type_name("R");
   AddPictureFlags(verb, &command->spec);
   AddThreadsFlag(verb, &command->threads);
@@ -227,10 +228,10 @@ CLI::App* AddDemo(CLI::App* app, DemoCommand* command) {
                    "temporary one)")
       ->type_name("DIR");
   verb->add_option("--edge", command->edge_voxels, "Voxels a side, 16 to 512 (default 96)")
-      ->check(CLI::Range(16, 512))
+      ->check(Whole(16, 512))
       ->type_name("N");
   verb->add_option("--steps", command->steps, "Steps, 1 to 1000 (default 24)")
-      ->check(CLI::Range(1, 1000))
+      ->check(Whole(1, 1000))
       ->type_name("N");
   AddThreadsFlag(verb, &command->threads);
   AddOutputFlags(verb, &command->output);

@@ -51,6 +51,29 @@ TEST(Parse, RenderTakesEveryPictureFlag) {
   EXPECT_TRUE(command.output.json && command.output.quiet);
 }
 
+TEST(Parse, NumbersThatAreWrongAreToldInAFewWords) {
+  for (const auto& [line, problem] : std::vector<std::pair<const char*, const char*>>{
+           {"render a.zarr -o f.png --step -1", "--step: '-1' is not a whole number, 0 or more"},
+           {"render a.zarr -o f.png --step 1.5", "--step: '1.5' is not a whole number, 0 or more"},
+           {"render a.zarr -o f.png --step 99999999999999999999",
+            "--step: '99999999999999999999' is not a whole number, 0 or more"},
+           {"render a.zarr -o f.png --threads 2000",
+            "--threads: '2000' is not a whole number from 0 to 1024"},
+           {"jobs ingest a --dataset b --server h:1 --tolerance 0.1%",
+            "--tolerance: '0.1%' is not a number above 0"},
+           {"jobs ingest a --dataset b --server h:1 --tolerance inf",
+            "--tolerance: 'inf' is not a number above 0"},
+           {"jobs export a -o f.#.png --server h:1 --fps nan",
+            "--fps: 'nan' is not a number from 0.01 to 1000"},
+           {"render a.zarr -o f.jpg --quality 1.5",
+            "--quality: '1.5' is not a number that it takes"},
+       }) {
+    const ParseResult result = ParseCommandLine(absl::StrSplit(line, ' '));
+    EXPECT_EQ(result.exit_status, 2);
+    EXPECT_EQ(result.text.substr(0, result.text.find('\n')), problem);
+  }
+}
+
 TEST(Parse, SensorsTakesEveryFlag) {
   const auto command = Parsed<SensorsCommand>(absl::StrSplit(
       "sensors a.csv b.csv -o x.zarr --format jsonl --columns "
