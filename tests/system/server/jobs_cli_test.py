@@ -193,7 +193,7 @@ class Jobs(support.FoveaTest):
                                      "--wavelet", "cdf53", "--tolerance", 0.5, "--field", "heat", *how,
                                      "--server", server.address, "--watch")
                 self.assertEqual(result.returncode, 0 if steps else 1, result.stderr)
-                self.assertEqual("warning   there are no files of 2" in result.stdout, bool(steps),
+                self.assertEqual("warning   there are no files of number 2" in result.stdout, bool(steps),
                                  result.stdout)
                 if steps:
                     made = self.fovea_json("info", self.folder / f"root/gap{steps}.zarr")

@@ -329,9 +329,11 @@ TEST_F(JobRunnerTest, WhatIsMissingInAPictureIsToldAndKept) {
 
 TEST_F(JobRunnerTest, WarningsAreKeptOnceEachAndSoMany) {
   const std::string program = folder_.Path("warns");
-  std::ofstream(program) << "#!/bin/sh\ncat > /dev/null\n"
-                            "for i in $(seq 0 399); do echo '{\"warning\":\"'$((i % 200))'\\n\"}'; "
-                            "done\necho '{\"code\":0,\"message\":\"\"}'\n";
+  std::ofstream(program) << R"(#!/bin/sh
+cat > /dev/null
+for i in $(seq 0 399); do printf '{"warning":"%s\\n"}\n' $((i % 200)); done
+printf '{"code":0,"message":""}\n'
+)";
   fs::permissions(program, fs::perms::owner_all);
   runner_.reset();
   RunnerOptions options = Options();
