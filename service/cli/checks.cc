@@ -27,7 +27,9 @@ CLI::Validator Whole(int64_t least, std::optional<int64_t> most) {
   return MustBe<int64_t>(
       most ? fmt::format("a whole number from {} to {}", least, *most)
            : fmt::format("a whole number, {} or more", least),
-      [=](int64_t value) { return value >= least && (!most || value <= *most); });
+      [=](int64_t value) {  // what is too large for 64 bits is read as the largest
+        return value >= least && value <= most.value_or(INT64_MAX - 1);
+      });
 }
 
 CLI::Validator Within(double least, double most) {
