@@ -65,6 +65,11 @@ Status Caller::TakeBytesIn(int64_t bytes) {
   return Take(&bytes_in_, static_cast<double>(bytes), "bytes in");
 }
 
+StatusOr<std::chrono::milliseconds> Caller::SpendBytesIn(int64_t bytes) {
+  FOVEA_RETURN_IF_ERROR(CheckRevoked());
+  return bytes_in_.Spend(static_cast<double>(bytes));
+}
+
 Status Caller::Take(RateLimit* limit, double amount, std::string_view unit) {
   FOVEA_RETURN_IF_ERROR(CheckRevoked());
   if (const auto wait = limit->Take(amount)) {

@@ -2,6 +2,7 @@
 #define SERVICE_ACCESS_GATE_H_
 
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -50,11 +51,16 @@ class Caller {
   /// PERMISSION_DENIED without this right.
   [[nodiscard]] Status Check(Right right) const;
 
-  /// All three: RESOURCE_EXHAUSTED with QuotaFailure and RetryInfo above the quota; UNAVAILABLE
+  /// These three: RESOURCE_EXHAUSTED with QuotaFailure and RetryInfo above the quota; UNAVAILABLE
   /// once the token was changed or taken away, so that what runs long ends, too.
   [[nodiscard]] Status TakePixels(int64_t pixels);
   [[nodiscard]] Status TakeBytesIn(int64_t bytes);
   [[nodiscard]] static StatusOr<Stream> OpenStream(const std::shared_ptr<Caller>& caller);
+  /// Of pixels that were taken and are not rendered.
+  void GiveBackPixels(int64_t pixels) { pixels_.GiveBack(static_cast<double>(pixels)); }
+  /// For a message of a stream that has come: how long the next one must not be read, so that the
+  /// client's transport holds it back. 0: read on. UNAVAILABLE as above.
+  [[nodiscard]] StatusOr<std::chrono::milliseconds> SpendBytesIn(int64_t bytes);
 
   void Revoke() { revoked_ = true; }
 

@@ -22,9 +22,20 @@ class RateLimit {
   [[nodiscard]] std::optional<std::chrono::milliseconds> Take(double amount,
                                                               Clock::time_point now = Clock::now());
 
+  /// Takes `amount` whatever is left: for what has come already. How long until something is left
+  /// again; 0: there is.
+  [[nodiscard]] std::chrono::milliseconds Spend(double amount,
+                                                Clock::time_point now = Clock::now());
+  /// What was taken and not used after all.
+  void GiveBack(double amount);
+
   [[nodiscard]] double per_second() const { return per_second_; }
 
  private:
+  // Both with mutex_ held.
+  void Refill(Clock::time_point now);
+  [[nodiscard]] std::chrono::milliseconds Wait() const;
+
   const double per_second_;
   std::mutex mutex_;
   double left_;           // guarded by mutex_

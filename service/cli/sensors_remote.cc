@@ -1,6 +1,7 @@
 #include "service/cli/sensors_remote.h"
 
 #include <memory>
+#include <mutex>
 #include <utility>
 #include <vector>
 
@@ -50,11 +51,21 @@ StatusOr<Sent> ReadAndSend(const SensorsCommand& command, client::Client& server
                            Progress* progress) {
   const ingest::SensorOptions& options = command.ingest;
   FOVEA_ASSIGN_OR_RETURN(const std::vector<std::string> inputs, ingest::FindInputs(options));
+  std::mutex mutex;  // of `progress`
   std::unique_ptr<client::ReadingSender> sender;
   ingest::StreamState state;
+  const auto on_held = [&](const client::HeldBack& held) {
+    const std::lock_guard lock(mutex);
+    progress->Update(held.committed_steps, -1,
+                     fmt::format("{} batches safe; held back by the token's quota of bytes in, "
+                                 "for {} now",
+                                 held.acknowledged, HumanSeconds(held.seconds)));
+    return !Interrupted();
+  };
   const auto go_on = [&](const std::string& input) {
     if (sender != nullptr) {
       const client::SendingReport now = sender->report();
+      const std::lock_guard lock(mutex);
       progress->Update(
           now.committed_steps, -1,
           fmt::format("{} of {} batches safe, {}", now.acknowledged, now.batches, input));
@@ -64,7 +75,7 @@ StatusOr<Sent> ReadAndSend(const SensorsCommand& command, client::Client& server
   const auto on_block = [&](size_t /*index*/, ingest::ReadingBlock* block) -> Status {
     if (sender == nullptr) {
       FOVEA_ASSIGN_OR_RETURN(const client::ReadingsSpec spec, SpecOf(options, state.value_names));
-      FOVEA_ASSIGN_OR_RETURN(sender, server.SendReadings(spec));
+      FOVEA_ASSIGN_OR_RETURN(sender, server.SendReadings(spec, on_held));
     }
     return sender->Send(block->readings, block->values);
   };
@@ -74,6 +85,10 @@ StatusOr<Sent> ReadAndSend(const SensorsCommand& command, client::Client& server
   }
   if (status.ok() && sender != nullptr && !state.interrupted) {
     status = sender->Finish();
+  }
+  if (absl::IsCancelled(status) && Interrupted()) {
+    state.interrupted = true;
+    status = absl::OkStatus();
   }
   FOVEA_RETURN_IF_ERROR(status);
   return Sent{sender == nullptr ? client::SendingReport() : sender->report(), state.bad.count,

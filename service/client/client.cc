@@ -104,7 +104,8 @@ class GrpcClient final : public Client {
   Status WatchDataset(const WatchRequest& request, const OnEvent& on_event,
                       const GoOn& go_on) override;
   StatusOr<UploadAnswer> UploadStep(const UploadSpec& spec, const GiveVoxels& give) override;
-  StatusOr<std::unique_ptr<ReadingSender>> SendReadings(const ReadingsSpec& spec) override;
+  StatusOr<std::unique_ptr<ReadingSender>> SendReadings(const ReadingsSpec& spec,
+                                                        OnHeld on_held) override;
 
  private:
   using OnFrame = std::function<bool(const frames::Frame&)>;
@@ -335,10 +336,11 @@ Status GrpcClient::WatchDataset(const WatchRequest& request, const OnEvent& on_e
   }
 }
 
-StatusOr<std::unique_ptr<ReadingSender>> GrpcClient::SendReadings(const ReadingsSpec& spec) {
+StatusOr<std::unique_ptr<ReadingSender>> GrpcClient::SendReadings(const ReadingsSpec& spec,
+                                                                  OnHeld on_held) {
   auto sender = GrpcReadingSender::Open(
       *ingest_, [metadata = metadata_](grpc::ClientContext* context) { metadata.AddTo(context); },
-      spec, deadline_seconds_);
+      spec, deadline_seconds_, std::move(on_held));
   FOVEA_RETURN_IF_ERROR(Explain(sender.status()));
   return sender;
 }

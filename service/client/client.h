@@ -95,7 +95,10 @@ class Client : public CoefficientStreams {
                                                           const GiveVoxels& give) = 0;
   /// Opens a dataset of this server for readings. It must outlive what is returned.
   [[nodiscard]] virtual StatusOr<std::unique_ptr<ReadingSender>> SendReadings(
-      const ReadingsSpec& spec) = 0;
+      const ReadingsSpec& spec, OnHeld on_held) = 0;
+  [[nodiscard]] StatusOr<std::unique_ptr<ReadingSender>> SendReadings(const ReadingsSpec& spec) {
+    return SendReadings(spec, nullptr);
+  }
 };
 
 }  // namespace fovea::client

@@ -8,7 +8,8 @@
 namespace fovea::client {
 
 ReadingCall::ReadingCall(v1::Ingest::Stub& stub,
-                         const std::function<void(grpc::ClientContext*)>& prepare) {
+                         const std::function<void(grpc::ClientContext*)>& prepare, OnHeld on_held)
+    : on_held_(std::move(on_held)) {
   prepare(&context_);
   stream_ = stub.StreamReadings(&context_);
   reader_ = std::thread([this] { ReadAll(); });
@@ -22,10 +23,17 @@ ReadingCall::~ReadingCall() {
 void ReadingCall::ReadAll() {
   v1::StreamReadingsResponse response;
   while (stream_->Read(&response)) {
-    const std::lock_guard lock(mutex_);
-    latest_ = response;
-    answered_ = true;
-    changed_.notify_all();
+    {
+      const std::lock_guard lock(mutex_);
+      latest_ = response;
+      answered_ = true;
+      changed_.notify_all();
+    }
+    const HeldBack held{response.held_seconds(), response.acknowledged(),
+                        static_cast<int64_t>(response.committed_steps())};
+    if (held.seconds > 0 && on_held_ && !on_held_(held)) {
+      context_.TryCancel();
+    }
   }
   Status end = wire::FromGrpc(stream_->Finish());
   const std::lock_guard lock(mutex_);

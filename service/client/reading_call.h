@@ -12,6 +12,7 @@
 
 #include "engine/base/status.h"
 #include "fovea/v1/ingest.grpc.pb.h"
+#include "service/client/reading_sender.h"
 
 namespace fovea::client {
 
@@ -19,8 +20,9 @@ namespace fovea::client {
 /// them. Cancels what is left of the call when it goes. One thread at a time.
 class ReadingCall {
  public:
-  /// `prepare` adds metadata. `deadline_seconds` bounds the wait for the first answer.
-  ReadingCall(v1::Ingest::Stub& stub, const std::function<void(grpc::ClientContext*)>& prepare);
+  /// `prepare` adds metadata. `on_held` may be empty.
+  ReadingCall(v1::Ingest::Stub& stub, const std::function<void(grpc::ClientContext*)>& prepare,
+              OnHeld on_held);
   ~ReadingCall();
   ReadingCall(const ReadingCall&) = delete;
   ReadingCall& operator=(const ReadingCall&) = delete;
@@ -38,6 +40,7 @@ class ReadingCall {
  private:
   void ReadAll();
 
+  const OnHeld on_held_;
   grpc::ClientContext context_;
   std::unique_ptr<grpc::ClientReaderWriter<v1::StreamReadingsRequest, v1::StreamReadingsResponse>>
       stream_;

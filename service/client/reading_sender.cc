@@ -3,6 +3,8 @@
 #include <thread>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "engine/base/stopwatch.h"
 #include "service/client/reading_sender_impl.h"
 #include "service/wire/readings.h"
@@ -37,10 +39,12 @@ void Add(const sensors::ReadingCounts& more, sensors::ReadingCounts* counts) {
 }  // namespace
 
 GrpcReadingSender::GrpcReadingSender(v1::Ingest::Stub& stub, Prepare prepare,
-                                     const ReadingsSpec& spec, double deadline_seconds)
+                                     const ReadingsSpec& spec, double deadline_seconds,
+                                     OnHeld on_held)
     : stub_(stub),
       prepare_(std::move(prepare)),
       deadline_seconds_(deadline_seconds),
+      on_held_(std::move(on_held)),
       fields_(std::max<int>(1, static_cast<int>(spec.fields.size()))) {
   *header_.mutable_header() = wire::ToProto(spec);
 }
@@ -48,15 +52,16 @@ GrpcReadingSender::GrpcReadingSender(v1::Ingest::Stub& stub, Prepare prepare,
 StatusOr<std::unique_ptr<ReadingSender>> GrpcReadingSender::Open(v1::Ingest::Stub& stub,
                                                                  Prepare prepare,
                                                                  const ReadingsSpec& spec,
-                                                                 double deadline_seconds) {
+                                                                 double deadline_seconds,
+                                                                 OnHeld on_held) {
   auto sender = std::unique_ptr<GrpcReadingSender>(
-      new GrpcReadingSender(stub, std::move(prepare), spec, deadline_seconds));
+      new GrpcReadingSender(stub, std::move(prepare), spec, deadline_seconds, std::move(on_held)));
   FOVEA_RETURN_IF_ERROR(sender->StartCall());
   return sender;
 }
 
 Status GrpcReadingSender::StartCall() {
-  call_ = std::make_unique<ReadingCall>(stub_, prepare_);
+  call_ = std::make_unique<ReadingCall>(stub_, prepare_, on_held_);
   written_ = 0;
   static_cast<void>(call_->Write(header_));  // how the call ended says why not
   return call_->WaitForAnswer(deadline_seconds_).status();
@@ -107,6 +112,7 @@ void GrpcReadingSender::TakeAnswer() {
          unacknowledged_.front().batch().sequence() <= answer.acknowledged()) {
     unacknowledged_.pop_front();
     written_ -= std::min<size_t>(written_, 1);
+    fruitless_ = 0;
   }
   report_.acknowledged = std::max<uint64_t>(report_.acknowledged, answer.acknowledged());
   report_.committed_steps =
@@ -117,6 +123,9 @@ Status GrpcReadingSender::Resume(Status why) {
   TakeAnswer();
   if (!IsPassing(why)) {
     return why.ok() ? Internal("the server ended the call before the readings ended") : why;
+  }
+  if (absl::IsResourceExhausted(why) && ++fruitless_ > kMostFruitless) {
+    return Annotate(why, fmt::format("tried {} times, and no batch became safe", fruitless_));
   }
   const Stopwatch away;
   std::chrono::milliseconds pause{100};

@@ -11,6 +11,8 @@ namespace {
 /// Set aside at a time: the first block is for messages that wait and the batch in hand.
 constexpr int64_t kMemoryBlock = int64_t{8} << 20;
 constexpr std::chrono::seconds kRetry{1};
+/// While a client is held back: its token may be taken away.
+constexpr std::chrono::milliseconds kMostUnwatched{1000};
 
 Status CancelledByClient() {
   return Cancelled("the client cancelled, went away, or its deadline passed");
@@ -40,7 +42,8 @@ void LiveStream::Start(const Status& admitted, std::shared_ptr<access::Caller> c
 
 void LiveStream::OnMessage(v1::StreamReadingsRequest message) {
   const auto bytes = static_cast<int64_t>(message.ByteSizeLong());
-  Status status = caller_->TakeBytesIn(bytes);
+  const auto wait = caller_->SpendBytesIn(bytes);
+  Status status = wait.status();
   if (status.ok() && bytes > wire::kMaxReadingsMessageBytes) {
     status = wire::BadField(message.has_header() ? "header" : "batch",
                             fmt::format("has {} bytes, more than {}: send smaller batches", bytes,
@@ -52,9 +55,33 @@ void LiveStream::OnMessage(v1::StreamReadingsRequest message) {
     if (status.ok()) {
       waiting_bytes_ += static_cast<int64_t>(message.SpaceUsedLong());
       waiting_.push_back(std::move(message));
+      HoldBack(*wait);
     }
   }
   Stop(status);
+}
+
+void LiveStream::HoldBack(std::chrono::milliseconds wait) {
+  held_ = wait;
+  if (wait.count() > 0) {
+    has_response_ = answered_;
+    services_.timer.After(std::min(wait, kMostUnwatched), [weak = weak_from_this()] {
+      if (const auto self = weak.lock()) {
+        self->LookAgain();
+      }
+    });
+  }
+}
+
+void LiveStream::LookAgain() {
+  const auto wait = caller_->SpendBytesIn(0);
+  if (wait.ok()) {
+    const std::lock_guard lock(mutex_);
+    if (!finished_) {
+      HoldBack(*wait);
+    }
+  }
+  Stop(wait.status());
 }
 
 void LiveStream::OnReadsDone() {
@@ -105,7 +132,8 @@ LiveStream::Actions LiveStream::Decide() {
   if (finished_) {
     return actions;
   }
-  if (!Stopping() && !reading_ && !reads_done_ && waiting_bytes_ < kMostWaitingBytes) {
+  if (!Stopping() && !reading_ && !reads_done_ && held_.count() == 0 &&
+      waiting_bytes_ < kMostWaitingBytes) {
     reading_ = starting_read_ = actions.read = true;
   }
   // Of a stream that stops, the last job closes the store.
@@ -117,6 +145,7 @@ LiveStream::Actions LiveStream::Decide() {
   if (!writing_ && has_response_ && !cancelled_ && !working_) {
     has_response_ = false;
     writing_response_ = response_;
+    writing_response_.set_held_seconds(std::chrono::duration<double>(held_).count());
     writing_ = actions.write = true;
   }
   const bool done = Stopping() || complete;
@@ -195,7 +224,7 @@ void LiveStream::Work() {
     closed_ = close;
     if (has_response) {
       response_ = std::move(response);
-      has_response_ = true;
+      has_response_ = answered_ = true;
     }
     if (end_.ok()) {
       end_ = status;

@@ -1,6 +1,7 @@
 #ifndef SERVICE_SERVER_LIVE_STREAM_H_
 #define SERVICE_SERVER_LIVE_STREAM_H_
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -32,7 +33,8 @@ class ReadingsPeer {
 /// One StreamReadings: reads ahead of a LiveIngest, which works in the ingest pool, and
 /// acknowledges.
 ///
-/// * While kMostWaitingBytes wait, nothing is read: the client's transport holds it back.
+/// * While kMostWaitingBytes wait, nothing is read: the client's transport holds it back. Nor while
+///   the caller is above its quota of bytes in; it is told so, once a second.
 /// * One job at a time sorts in all that waits and commits what that closes, together; so steps
 /// that
 ///   come faster than they can be committed share a commit.
@@ -68,6 +70,10 @@ class LiveStream final : public StepListener, public std::enable_shared_from_thi
   };
   [[nodiscard]] Actions Decide();
   void Act();
+  /// Reads nothing for so long, or looks again once a second: a token may be taken away.
+  /// With mutex_ held.
+  void HoldBack(std::chrono::milliseconds wait);
+  void LookAgain();
   void Stop(const Status& status);
   [[nodiscard]] bool Stopping() const { return !end_.ok() || cancelled_; }
 
@@ -95,8 +101,10 @@ class LiveStream final : public StepListener, public std::enable_shared_from_thi
   int64_t waiting_bytes_ = 0;
   v1::StreamReadingsResponse response_;  // the newest
   v1::StreamReadingsResponse writing_response_;
-  Status end_;            // why it stops; OK: not yet, or all is done
-  bool counted_ = false;  // among services_.live_streams
+  std::chrono::milliseconds held_{0};  // above 0: nothing is read, for the quota
+  bool answered_ = false;              // once; response_ is one
+  Status end_;                         // why it stops; OK: not yet, or all is done
+  bool counted_ = false;               // among services_.live_streams
   bool opened_ = false, closed_ = false;
   bool reading_ = false, reads_done_ = false, working_ = false, writing_ = false;
   bool starting_read_ = false;  // peer_ is being asked: it must not hear of the end meanwhile

@@ -25,14 +25,37 @@ using FrameCall = UnaryCall<v1::Frame>;
 /// A reply and the bytes that gRPC makes of it.
 constexpr int64_t kFramesHeld = 2;
 
+/// Pixels that were taken for a frame; given back unless it is rendered: its place in the queue may
+/// be refused, or its client may go before its turn comes.
+class PixelCharge {
+ public:
+  PixelCharge(std::shared_ptr<FrameCall> call, int64_t pixels)
+      : call_(std::move(call)), pixels_(pixels) {}
+  ~PixelCharge() {
+    if (!rendered_) {
+      call_->caller().GiveBackPixels(pixels_);
+    }
+  }
+  PixelCharge(const PixelCharge&) = delete;
+  PixelCharge& operator=(const PixelCharge&) = delete;
+
+  void OnRendered() { rendered_ = true; }
+
+ private:
+  const std::shared_ptr<FrameCall> call_;
+  const int64_t pixels_;
+  bool rendered_ = false;
+};
+
 struct Rendering {
   FrameJob job;
   int64_t step = 0;
+  std::shared_ptr<PixelCharge> charge;
 };
 
 /// Everything up to the rendering itself.
 StatusOr<Rendering> Prepare(Services& services, const wire::FrameRequest& request,
-                            FrameCall& call) {
+                            const std::shared_ptr<FrameCall>& call) {
   Rendering rendering;
   FOVEA_ASSIGN_OR_RETURN(rendering.job,
                          PrepareFrame(*services.catalogue, request.dataset, request.spec));
@@ -41,14 +64,15 @@ StatusOr<Rendering> Prepare(Services& services, const wire::FrameRequest& reques
       ChooseStep(request.dataset, rendering.job.dataset->dataset(), request.step, request.time_ns));
   FOVEA_ASSIGN_OR_RETURN(auto reservation,
                          services.replies.Reserve(kFramesHeld * rendering.job.reply_bytes));
-  call.Hold(std::move(reservation));
-  FOVEA_RETURN_IF_ERROR(call.caller().TakePixels(rendering.job.pixels));
+  call->Hold(std::move(reservation));
+  FOVEA_RETURN_IF_ERROR(call->caller().TakePixels(rendering.job.pixels));
+  rendering.charge = std::make_shared<PixelCharge>(call, rendering.job.pixels);
   return rendering;
 }
 
 void PrepareAndRender(Services& services, const wire::FrameRequest& request,
                       const std::shared_ptr<FrameCall>& call) {
-  auto rendering = Prepare(services, request, *call);
+  auto rendering = Prepare(services, request, call);
   if (!rendering.ok()) {
     call->Complete(rendering.status());
     return;
@@ -56,6 +80,7 @@ void PrepareAndRender(Services& services, const wire::FrameRequest& request,
   const int64_t bytes = rendering->job.render_bytes;
   call->Enqueue(services.renders, bytes,
                 [call, &services, rendering = *std::move(rendering)](int threads) {
+                  rendering.charge->OnRendered();
                   auto frame = RenderJob(rendering.job, rendering.step, 0, threads);
                   services.frames_rendered.fetch_add(1, std::memory_order_relaxed);
                   call->Complete(std::move(frame));

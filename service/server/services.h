@@ -16,6 +16,7 @@
 #include "service/server/metrics.h"
 #include "service/server/step_feed.h"
 #include "service/server/stream_registry.h"
+#include "service/server/timer.h"
 #include "service/server/work_pool.h"
 
 namespace fovea::server {
@@ -55,6 +56,7 @@ struct Services {
   WorkPool renders;
   WorkPool lookups;  // reads metadata, then hands over to `renders`
   WorkPool ingests;  // sorts readings and commits steps
+  Timer timer;       // for streams whose clients are held back
 };
 
 /// The error of a call that comes while the server drains.

@@ -1,6 +1,8 @@
 #include "service/server/view_reactors.h"
 
+#include <chrono>
 #include <memory>
+#include <mutex>
 #include <utility>
 
 #include "service/server/admission.h"
@@ -65,7 +67,7 @@ class ExploreReactor final
     : public FrameReactor<grpc::ServerBidiReactor<v1::ExploreRequest, v1::Frame>> {
  public:
   ExploreReactor(Services& services, const grpc::CallbackServerContext& context)
-      : FrameReactor(services, "Explore") {
+      : FrameReactor(services, "Explore"), timer_(services.timer) {
     if (Enter(services, context, {.stream = true})) {
       StartRead(&request_);
     }
@@ -76,11 +78,36 @@ class ExploreReactor final
       stream_->OnNoMoreViews();
       return;
     }
-    stream_->OnExploreRequest(request_);
-    StartRead(&request_);
+    const std::chrono::milliseconds wait = stream_->OnExploreRequest(request_);
+    if (wait.count() == 0) {
+      StartRead(&request_);
+      return;
+    }
+    timer_.After(wait, [reading = reading_] {
+      const std::lock_guard lock(reading->mutex);
+      if (reading->reactor != nullptr) {
+        reading->reactor->StartRead(&reading->reactor->request_);
+      }
+    });
+  }
+  void Finish(const Status& status) override {
+    {
+      const std::lock_guard lock(reading_->mutex);
+      reading_->reactor = nullptr;  // nothing is read of a call that is over, and it may go
+    }
+    FrameReactor::Finish(status);
   }
 
  private:
+  /// What a read that comes later needs, whether the reactor is there or not.
+  struct LaterRead {
+    explicit LaterRead(ExploreReactor* the_reactor) : reactor(the_reactor) {}
+    std::mutex mutex;
+    ExploreReactor* reactor;  // guarded by mutex; null once the call is over
+  };
+
+  Timer& timer_;
+  const std::shared_ptr<LaterRead> reading_ = std::make_shared<LaterRead>(this);
   v1::ExploreRequest request_;  // gRPC's while a read is under way
 };
 

@@ -23,18 +23,18 @@ void ViewStream::Start(StatusOr<std::shared_ptr<access::Caller>> caller,
   }
 }
 
-void ViewStream::OnExploreRequest(const v1::ExploreRequest& request) {
+std::chrono::milliseconds ViewStream::OnExploreRequest(const v1::ExploreRequest& request) {
   if (caller_ == nullptr) {
-    return;  // not let in: over already
+    return {};  // not let in: over already
   }
   auto change = requests_.Add(request);
-  Status allowed = change.status();
-  if (change.ok() && change->view) {  // an acknowledgement alone is free: a quota must not stall it
-    allowed = caller_->TakeBytesIn(static_cast<int64_t>(request.ByteSizeLong()));
+  StatusOr<std::chrono::milliseconds> wait(change.status());
+  if (change.ok()) {  // an acknowledgement alone is free: a quota must not stall it
+    wait = caller_->SpendBytesIn(change->view ? static_cast<int64_t>(request.ByteSizeLong()) : 0);
   }
-  if (!allowed.ok()) {
-    OnError(allowed);
-    return;
+  if (!wait.ok()) {
+    OnError(wait.status());
+    return {};
   }
   if (change->window || change->acknowledged) {
     Status status;
@@ -51,7 +51,9 @@ void ViewStream::OnExploreRequest(const v1::ExploreRequest& request) {
   }
   if (change->view) {
     OnView(*std::move(change->view));
+    return *wait;
   }
+  return {};
 }
 
 void ViewStream::OnView(wire::ViewRequest view) {

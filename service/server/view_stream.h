@@ -1,6 +1,7 @@
 #ifndef SERVICE_SERVER_VIEW_STREAM_H_
 #define SERVICE_SERVER_VIEW_STREAM_H_
 
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -32,7 +33,8 @@ class ViewStream final : public std::enable_shared_from_this<ViewStream> {
   /// Call once, and first: on whose behalf, or why it is not let in.
   void Start(StatusOr<std::shared_ptr<access::Caller>> caller, const std::string& client = "");
   void OnView(wire::ViewRequest view);
-  void OnExploreRequest(const v1::ExploreRequest& request);  // one at a time
+  /// One at a time. How long the next one must not be read, for the caller's quota of bytes in.
+  [[nodiscard]] std::chrono::milliseconds OnExploreRequest(const v1::ExploreRequest& request);
   void OnError(const Status& error);
   void OnNoMoreViews();
   void OnWriteDone(bool ok);

@@ -44,6 +44,29 @@ TEST(RateLimitTest, WhatIsLargerThanASecondsWorthIsPaidLater) {
   EXPECT_EQ(limit.Take(1, now), milliseconds(99'001));
 }
 
+TEST(RateLimitTest, WhatHasComeIsSpentWhateverIsLeft) {
+  RateLimit::Clock::time_point now{};
+  RateLimit limit(1000, now);
+  EXPECT_EQ(limit.Spend(400, now), milliseconds(0));
+  EXPECT_EQ(limit.Spend(700, now), milliseconds(101));
+  EXPECT_EQ(limit.Spend(1000, now), milliseconds(1101));  // two streams share it
+  now += milliseconds(1101);
+  EXPECT_EQ(limit.Spend(0, now), milliseconds(0));
+  EXPECT_EQ(RateLimit(0).Spend(1e12), milliseconds(0));
+}
+
+TEST(RateLimitTest, WhatIsGivenBackCanBeTakenAgain) {
+  RateLimit::Clock::time_point now{};
+  RateLimit limit(10, now);
+  EXPECT_FALSE(limit.Take(30, now));
+  EXPECT_TRUE(limit.Take(1, now));
+  limit.GiveBack(30);
+  EXPECT_FALSE(limit.Take(10, now));
+  limit.GiveBack(1000);  // no more than a second's worth
+  EXPECT_FALSE(limit.Take(10, now));
+  EXPECT_TRUE(limit.Take(1, now));
+}
+
 TEST(RateLimitTest, RestIsNotSavedBeyondASecond) {
   RateLimit::Clock::time_point now{};
   RateLimit limit(10, now);

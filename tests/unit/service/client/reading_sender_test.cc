@@ -1,7 +1,9 @@
 // Readings sent through the client to a server in this process.
 
+#include <atomic>
 #include <chrono>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <string>
 #include <thread>
@@ -9,6 +11,7 @@
 
 #include <gtest/gtest.h>
 
+#include "service/access/token_file.h"
 #include "service/client/client.h"
 #include "service/server/server.h"
 #include "service/wire/readings.h"
@@ -27,11 +30,27 @@ class ReadingSenderTest : public ::testing::Test {
     StartServer("127.0.0.1:0");
     ASSERT_OK_AND_ASSIGN(client_, Client::Connect(server_->address()));
   }
+  /// From now on calls are of a token that may send so many bytes a second.
+  void SetBytesInPerSecond(double bytes) {
+    access::Token token;
+    token.name = "lab";
+    token.digest = access::DigestOf("secret");
+    token.right = access::Right::kWrite;
+    token.quotas.bytes_in_per_second = bytes;
+    tokens_ = folder_.Path("tokens.json");
+    ASSERT_OK(access::WriteTokenFile(tokens_, {token}));
+    std::ofstream(folder_.Path("lab.token")) << "secret";
+    server_.reset();
+    StartServer("127.0.0.1:0");
+    ASSERT_OK_AND_ASSIGN(
+        client_, Client::Connect(server_->address(), {.token_file = folder_.Path("lab.token")}));
+  }
   void StartServer(const std::string& address, bool allow_ingest = true) {
     server::ServerOptions options;
     options.root = folder_.Path("root");
     options.listen = address;
     options.allow_ingest = allow_ingest;
+    options.tokens = tokens_;
     auto server = server::Server::Start(options);
     ASSERT_OK(server.status());
     server_ = *std::move(server);
@@ -69,6 +88,7 @@ class ReadingSenderTest : public ::testing::Test {
   }
 
   store::testing::TemporaryFolder folder_;
+  std::string tokens_;  // of the server; empty: it asks for none
   std::unique_ptr<server::Server> server_;
   std::unique_ptr<Client> client_;
 };
@@ -188,6 +208,41 @@ TEST_F(ReadingSenderTest, SaysWhatTheServerSays) {
   const sensors::Reading reading{1, 1, 1, 0, 0};
   EXPECT_THAT(first->Send({&reading, 1}, {&value, 1}),
               FailsWith(absl::StatusCode::kInvalidArgument, "1 values for 1 readings of 2"));
+}
+
+/// A step of several seconds' worth: nothing of it can be safe before its end.
+TEST_F(ReadingSenderTest, AQuotaHoldsBackAndLosesNothing) {
+  constexpr double kBytesPerSecond = 50'000;
+  SetBytesInPerSecond(kBytesPerSecond);
+  std::atomic<int> told = 0;
+  ASSERT_OK_AND_ASSIGN(const auto sender, client_->SendReadings(Spec(), [&](const HeldBack& held) {
+    EXPECT_GT(held.seconds, 0);
+    ++told;
+    return true;
+  }));
+  const auto begin = std::chrono::steady_clock::now();
+  for (int part = 0; part < 4; ++part) {
+    ASSERT_OK(SendStep(*sender, 0, 1000));  // 40 kB
+  }
+  ASSERT_OK(SendStep(*sender, 1));
+  ASSERT_OK(sender->Finish());
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+  EXPECT_GT(took.count(), 4 * 40'000 / kBytesPerSecond - 1);
+  EXPECT_GE(told, 1);
+  EXPECT_EQ(sender->report().resumed, 0);
+  EXPECT_EQ(sender->report().acknowledged, sender->report().batches);
+  ExpectSteps(2);
+}
+
+TEST_F(ReadingSenderTest, WhoIsHeldBackMayGiveUp) {
+  SetBytesInPerSecond(1);  // the first message is half a minute's worth
+  ASSERT_OK_AND_ASSIGN(const auto sender,
+                       client_->SendReadings(Spec(), [](const HeldBack&) { return false; }));
+  Status status = absl::OkStatus();
+  for (int step = 0; step < 100 && status.ok(); ++step) {
+    status = SendStep(*sender, step, 1000);
+  }
+  EXPECT_TRUE(absl::IsCancelled(status)) << status;
 }
 
 TEST_F(ReadingSenderTest, AServerThatTakesNoneIsSaidAtOnce) {

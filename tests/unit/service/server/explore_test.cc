@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "service/access/token_file.h"
 #include "tests/unit/service/server/server_test_util.h"
 
 namespace fovea::server {
@@ -149,6 +150,32 @@ TEST_F(ExploreTest, ManyViewsAtOnceGiveTheNewestAndFewOthers) {
   EXPECT_TRUE(std::is_sorted(frames.begin(), frames.end(), [](const auto& a, const auto& b) {
     return a.view_id() < b.view_id();
   }));
+}
+
+TEST_F(ExploreTest, AQuotaOfBytesHoldsViewsBack) {
+  access::Token frugal;
+  frugal.name = "frugal";
+  frugal.digest = access::DigestOf("frugal");
+  const auto first_bytes = static_cast<double>(First().ByteSizeLong());
+  frugal.quotas.bytes_in_per_second = 2 * first_bytes;
+  ASSERT_OK(access::WriteTokenFile(folder_.Path("tokens.json"), {frugal}));
+  StartServer(2, 64, folder_.Path("tokens.json"));
+  grpc::ClientContext context;
+  context.AddMetadata("authorization", "Bearer frugal");
+  const auto stream = render_->Explore(&context);
+  const auto begin = std::chrono::steady_clock::now();
+  std::vector<v1::Frame> frames;
+  for (uint64_t view = 1; view <= 5; ++view) {
+    v1::ExploreRequest request = First();
+    request.set_view_id(view);
+    ASSERT_TRUE(stream->Write(request));
+  }
+  UntilFinal(*stream, 5, &frames);
+  // Two may come at once, and a third for what is left; all before the last one are paid for.
+  EXPECT_GT(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(900));
+  ASSERT_TRUE(stream->Write(First()));  // held back when the call ends
+  context.TryCancel();
+  EXPECT_TRUE(absl::IsCancelled(wire::FromGrpc(stream->Finish())));
 }
 
 TEST_F(ExploreTest, AWindowWaitsForAcknowledgements) {
