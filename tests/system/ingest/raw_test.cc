@@ -286,7 +286,7 @@ TEST_F(RawTest, LosslessIsRefusedWhereItCannotBe) {
   options.raw->type = "uint16";
   options.raw->steps_per_file = 2;
   options.wavelet = Wavelet::kCdf97;
-  expect_refused(options, "no reversible integer form of cdf97");
+  expect_refused(options, "cdf97 has no reversible integer form");
   EXPECT_FALSE(std::filesystem::exists(options.output));
   options.wavelet = Wavelet::kCdf53;
   options.raw = RawFormat{{2, 2, 2}, "uint8", false, 0, 4};

@@ -96,7 +96,7 @@ TEST(Animation, ManyKeysAreAsQuickAsFew) {
     keys[i].rate = 1 + static_cast<double>(i);
   }
   ASSERT_OK_AND_ASSIGN(const Animation animation, Animation::Make(1'000'000, keys));
-  for (int64_t frame = 0; frame < 999'990; frame += 5) {  // a scan of all would take minutes
+  for (int64_t frame = 0; frame < 999'990; frame += 50) {  // a scan of all would take minutes
     ASSERT_EQ(animation.SpecAt(frame, {}).rate, 1 + static_cast<double>(frame) / 10);
   }
 }
