@@ -5,8 +5,8 @@
 #include <cctype>
 #include <cstddef>
 
+#include <absl/strings/str_join.h>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 namespace fovea::jobs {
 namespace {
@@ -57,7 +57,7 @@ std::string ForJobs(std::string text) {
   const std::vector<std::string_view> flags = ForeignFlags(text);
   if (!flags.empty()) {
     text += fmt::format("; a job has no {}: `fovea ingest`, where the files are, has",
-                        fmt::join(flags, ", "));
+                        absl::StrJoin(flags, ", "));
   }
   return text;
 }
