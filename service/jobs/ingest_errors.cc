@@ -17,8 +17,8 @@ constexpr std::array<std::string_view, 9> kFlags = {"--raw",     "--grid",      
                                                     "--wavelet", "--lossless",   "--tolerance"};
 
 /// The flags in `text` that jobs do not have, each once.
-std::vector<std::string_view> ForeignFlags(std::string_view text) {
-  std::vector<std::string_view> flags;
+std::vector<std::string> ForeignFlags(std::string_view text) {
+  std::vector<std::string> flags;
   for (size_t at = 0; (at = text.find("--", at)) != std::string_view::npos;) {
     const bool begins_word = at == 0 || text[at - 1] == ' ' || text[at - 1] == '(';
     size_t end = at + 2;
@@ -31,7 +31,7 @@ std::vector<std::string_view> ForeignFlags(std::string_view text) {
     if (begins_word && flag.size() > 2 &&
         std::find(kFlags.begin(), kFlags.end(), flag) == kFlags.end() &&
         std::find(flags.begin(), flags.end(), flag) == flags.end()) {
-      flags.push_back(flag);
+      flags.emplace_back(flag);
     }
   }
   return flags;
@@ -54,7 +54,7 @@ std::optional<Failure> FailureOf(std::string_view message, const std::vector<std
 }
 
 std::string ForJobs(std::string text) {
-  const std::vector<std::string_view> flags = ForeignFlags(text);
+  const std::vector<std::string> flags = ForeignFlags(text);
   if (!flags.empty()) {
     text += fmt::format("; a job has no {}: `fovea ingest`, where the files are, has",
                         absl::StrJoin(flags, ", "));
