@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include <fmt/ranges.h>
+#include <absl/strings/str_join.h>
 #include <sqlite3.h>
 
 namespace fovea::jobs {
@@ -37,7 +37,7 @@ constexpr char kMigration[] =
 
 /// Warnings are lines of one text.
 std::string JoinLines(const std::vector<std::string>& lines) {
-  return fmt::format("{}", fmt::join(lines, "\n"));
+  return absl::StrJoin(lines, "\n");
 }
 
 std::vector<std::string> SplitLines(const std::string& text) {
