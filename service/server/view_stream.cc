@@ -28,10 +28,13 @@ std::chrono::milliseconds ViewStream::OnExploreRequest(const v1::ExploreRequest&
     return {};  // not let in: over already
   }
   auto change = requests_.Add(request);
-  StatusOr<std::chrono::milliseconds> wait(change.status());
-  if (change.ok()) {  // an acknowledgement alone is free: a quota must not stall it
-    wait = caller_->SpendBytesIn(change->view ? static_cast<int64_t>(request.ByteSizeLong()) : 0);
+  if (!change.ok()) {
+    OnError(change.status());
+    return {};
   }
+  // An acknowledgement alone is free: a quota must not stall it.
+  const auto wait =
+      caller_->SpendBytesIn(change->view ? static_cast<int64_t>(request.ByteSizeLong()) : 0);
   if (!wait.ok()) {
     OnError(wait.status());
     return {};
