@@ -50,7 +50,11 @@ std::optional<Failure> FailureOf(std::string_view message, const std::vector<std
   if (name.empty()) {
     return std::nullopt;
   }
-  return Failure{std::string(name), std::string(message.substr(name.size() + 2))};
+  const std::string_view reason = message.substr(name.size() + 2);
+  if (reason.starts_with("cannot write ")) {
+    return std::nullopt;  // the disk's fault, whatever was read meanwhile
+  }
+  return Failure{std::string(name), std::string(reason)};
 }
 
 std::string ForJobs(std::string text) {
