@@ -76,7 +76,7 @@ void PrintError(std::string_view message) {
 }
 
 std::string WithFlag(const Status& error) {
-  constexpr std::array<std::array<std::string_view, 2>, 39> kFlags = {{
+  constexpr std::array<std::array<std::string_view, 2>, 44> kFlags = {{
       {"field", "--field"},
       {"fovea", "--fovea"},
       {"rate", "--rate"},
@@ -116,6 +116,11 @@ std::string WithFlag(const Status& error) {
       {"tolerance", "--tolerance"},
       {"on_missing", "--on-missing"},
       {"registration", "--registration"},
+      {"voxel", "--bounds and --voxel"},
+      {"lower", "--bounds"},
+      {"upper", "--bounds"},
+      {"fields", "--field"},
+      {"step_seconds", "--step-seconds"},
   }};
   const std::string_view message = MessageOf(error);
   if (!absl::IsInvalidArgument(error) && !absl::IsNotFound(error) && !absl::IsOutOfRange(error)) {
@@ -126,6 +131,8 @@ std::string WithFlag(const Status& error) {
     const size_t colon = rest.find(": ");
     rest = colon == std::string_view::npos ? rest : rest.substr(colon + 2);
   }
+  constexpr std::string_view kHeader = "header.";  // of readings
+  rest.remove_prefix(rest.starts_with(kHeader) ? kHeader.size() : 0);
   const std::string_view word = rest.substr(0, rest.find_first_of(" :'."));
   for (const auto& [field, flag] : kFlags) {
     if (word == field) {

@@ -1,10 +1,12 @@
 #include "service/client/channel.h"
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstdlib>
 #include <fstream>
 #include <random>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -19,6 +21,9 @@
 namespace fovea::client {
 namespace {
 
+constexpr std::string_view kTlsHint =
+    "if the server has TLS (--tls-cert), --tls-ca is needed here; if it asks for certificates "
+    "(--tls-client-ca), --tls-cert and --tls-key, too, of an authority that it knows";
 constexpr size_t kMaxFileBytes = size_t{4} << 20;  // an authority file can hold all of the web's
 
 StatusOr<std::string> ReadFile(const char* flag, const std::string& path) {
@@ -110,6 +115,28 @@ StatusOr<std::string> ReadAuthorization(const Credentials& credentials) {
   return "Bearer " + token;
 }
 
+/// What to look at, by what gRPC says of a connection that did not come about; empty if nothing is
+/// known.
+std::string_view HintFor(std::string_view message) {
+  constexpr std::array<std::array<std::string_view, 2>, 7> kHints = {{
+      {"Connection refused", "`fovea serve ROOT` starts a server"},
+      {"not in peer certificate",
+       "--server: give a name that the server's certificate is for (--tls-cert of the server)"},
+      {"certificate verify failed",
+       "--tls-ca: it does not hold the authority of this server's certificate"},
+      {"wrong version number", "--tls-ca: this server has no TLS; leave it out"},
+      {"empty address list", "--tls-cert and --tls-key: are they PEM, and of each other?"},
+      {"Socket closed", kTlsHint},
+      {"SETTINGS", kTlsHint},
+  }};
+  for (const auto& [said, hint] : kHints) {
+    if (message.find(said) != std::string_view::npos) {
+      return hint;
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 std::string RandomId() {
@@ -134,11 +161,8 @@ Status Explain(const std::string& address, const Status& status) {
   std::string message =
       fmt::format("server {}: {}{}", address, MessageOf(status), wire::DescribeDetails(status));
   if (absl::IsUnavailable(status)) {
-    message += "; `fovea serve ROOT` starts a server";
-    if (message.find("handshake") != std::string::npos ||
-        message.find("SETTINGS") != std::string::npos) {
-      message += "; --tls-ca is for a server with --tls-cert, and needed there";
-    }
+    const std::string_view hint = HintFor(MessageOf(status));
+    message += hint.empty() ? "" : fmt::format("; {}", hint);
   }
   return wire::WithMessage(status, message);
 }

@@ -294,7 +294,8 @@ Status Catalogue::WithoutRoot(const Status& status) const {
 
 Status NoDataset(std::string_view name) {
   return wire::WithResource(
-      NotFound("no dataset '{}'; ListDatasets (`fovea info --server`) says which there are",
+      NotFound("no dataset '{}', or this token is not for it; ListDatasets (`fovea info --server`) "
+               "says which there are",
                wire::Printable(name)),
       "fovea.v1.Dataset", name);
 }

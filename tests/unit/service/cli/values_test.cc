@@ -204,6 +204,8 @@ TEST(PinningFlags, SayWhatShadesCutsAndColours) {
 TEST(WithFlag, NamesTheFlagOfTheFieldThatTheMessageStartsWith) {
   EXPECT_EQ(WithFlag(InvalidArgument("rate 0 is bad")), "--rate: rate 0 is bad");
   EXPECT_EQ(WithFlag(InvalidArgument("width_px 7")), "--size: width_px 7");
+  EXPECT_EQ(WithFlag(InvalidArgument("server a:1: header.voxel: is missing")),
+            "--bounds and --voxel: server a:1: header.voxel: is missing");
   EXPECT_EQ(WithFlag(OutOfRange("step 9 is not there")), "--step: step 9 is not there");
   EXPECT_EQ(WithFlag(NotFound("server a:1: field 'q' is not there")),
             "--field: server a:1: field 'q' is not there");
