@@ -379,7 +379,7 @@ class Readers(support.FoveaTest):
                    "-o", self.out / "p.png")
         self.assertEqual(support.pixels_of(self.out / "p.png", 32, 32).shape, (32, 32, 3))
 
-    @unittest.skipUnless("FOVEA_TEST_DATA" in os.environ, "FOVEA_TEST_DATA is not set")
+    @unittest.skipUnless("FOVEA_TEST_DATA" in os.environ, "the real volumes are not here: FOVEA_TEST_DATA is not set")
     def test_real_volumes(self):
         data = pathlib.Path(os.environ["FOVEA_TEST_DATA"])
         raw = {"tooth_ct_103x94x161_u16be": (">u2", "tooth.nhdr"),
