@@ -13,6 +13,7 @@
 #include "engine/store/file.h"
 #include "engine/store/merge.h"
 #include "engine/store/metadata.h"
+#include "engine/store/removal.h"
 #include "engine/store/retention.h"
 #include "ingest/field_stream.h"
 #include "ingest/given.h"
@@ -437,12 +438,11 @@ uint64_t Run::InputBytes() const {
 }
 
 void Run::Discard() {
-  writer_.reset();
   if (made_store_) {
-    std::error_code ignored;
-    fs::remove_all(options_.output, ignored);
+    [[maybe_unused]] const Status removed = store::RemoveHeldStore(options_.output);
     made_store_ = false;
   }
+  writer_.reset();
 }
 
 IngestReport Run::TakeReport() {

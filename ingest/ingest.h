@@ -114,8 +114,8 @@ struct IngestProgress {
 /// index boxes over all steps) and the matrix; the second reads, transforms and commits step by
 /// step. What is committed stays, whatever happens later: the same call again goes on at the first
 /// missing step. ALREADY_EXISTS if `output` is there and is not of the same series (DatasetInfo::
-/// source), or made otherwise. `progress` returns false to stop
-/// cleanly between steps (CANCELLED). Errors name the file and what to do.
+/// source), or made otherwise. `progress` returns false to stop cleanly between steps (CANCELLED).
+/// Errors name the file and what to do.
 [[nodiscard]] StatusOr<IngestReport> Ingest(
     const IngestOptions& options,
     const std::function<bool(const IngestProgress&)>& progress = nullptr);

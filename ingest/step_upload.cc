@@ -8,6 +8,7 @@
 #include <absl/strings/str_join.h>
 
 #include "engine/store/metadata.h"
+#include "engine/store/removal.h"
 #include "engine/store/stored_type.h"
 #include "ingest/ingest_checks.h"
 
@@ -80,11 +81,8 @@ StatusOr<std::unique_ptr<StepUpload>> StepUpload::Open(const std::string& path,
 StepUpload::~StepUpload() {
   stream_.reset();
   if (made_store_ && committed_steps() == 0) {
-    // Without that file there is no store for whoever looks meanwhile. The lock is let go of last,
-    // so that nobody writes to what is being removed.
-    std::error_code ignored;
-    std::filesystem::remove(std::filesystem::path(path_) / store::kMetadataName, ignored);
-    std::filesystem::remove_all(path_, ignored);
+    // What cannot be removed has no step, and harms nobody.
+    [[maybe_unused]] const Status removed = store::RemoveHeldStore(path_);
   }
 }
 

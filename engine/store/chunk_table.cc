@@ -1,12 +1,20 @@
 #include "engine/store/chunk_table.h"
 
 #include <algorithm>
+#include <optional>
 #include <span>
 #include <utility>
 
 #include "engine/store/chunk_file.h"
 
 namespace fovea::store {
+namespace {
+
+/// Above so many blocks a level its folder is listed: most of a volume that large are not there,
+/// and to look for each in vain takes a second a million.
+constexpr int64_t kMostTried = 1024;
+
+}  // namespace
 
 ChunkTable::ChunkTable(FileSystem& files, std::string store_path, const std::string& field,
                        int64_t step, const LevelLayout& layout)
@@ -63,17 +71,39 @@ StatusOr<const std::vector<float>*> ChunkTable::Block(const Int3& block, uint64_
   return &(blocks_[key] = std::move(values));
 }
 
+std::vector<Int3> ChunkTable::BlocksToCount() const {
+  std::vector<Int3> blocks;
+  if (layout_.tables.Product() <= kMostTried) {
+    for (int64_t z = 0; z < layout_.tables.z; ++z) {
+      for (int64_t y = 0; y < layout_.tables.y; ++y) {
+        for (int64_t x = 0; x < layout_.tables.x; ++x) {
+          blocks.push_back({x, y, z});
+        }
+      }
+    }
+    return blocks;
+  }
+  const auto names = ListDirectory(files_, folder_);
+  const std::string of_step = fmt::format("c.{}.", step_);
+  for (const std::string& name : names.value_or(std::vector<std::string>())) {
+    if (!name.starts_with(of_step)) {
+      continue;
+    }
+    const auto at = ParseChunkName(name, 4);  // t, z, y, x
+    if (at && Box3::OfSize(layout_.tables).Contains(Int3{(*at)[3], (*at)[2], (*at)[1]})) {
+      blocks.push_back({(*at)[3], (*at)[2], (*at)[1]});
+    }
+  }
+  return blocks;
+}
+
 uint64_t ChunkTable::StoredChunks() {
   uint64_t stored = 0;
   uint64_t bytes_read = 0;
-  for (int64_t z = 0; z < layout_.tables.z; ++z) {
-    for (int64_t y = 0; y < layout_.tables.y; ++y) {
-      for (int64_t x = 0; x < layout_.tables.x; ++x) {
-        if (const auto block = Block({x, y, z}, &bytes_read); block.ok()) {
-          stored += static_cast<uint64_t>(std::count_if((*block)->begin(), (*block)->end(),
-                                                        [](float value) { return value > 0; }));
-        }
-      }
+  for (const Int3& at : BlocksToCount()) {
+    if (const auto block = Block(at, &bytes_read); block.ok()) {
+      stored += static_cast<uint64_t>(
+          std::count_if((*block)->begin(), (*block)->end(), [](float value) { return value > 0; }));
     }
   }
   return stored;

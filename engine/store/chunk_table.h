@@ -37,6 +37,8 @@ class ChunkTable {
 
  private:
   [[nodiscard]] StatusOr<ReadableFile> OpenBlock(const Int3& block) const;
+  /// All that may be there.
+  [[nodiscard]] std::vector<Int3> BlocksToCount() const;
 
   FileSystem& files_;
   std::string folder_;

@@ -195,7 +195,12 @@ StatusOr<std::unique_ptr<StepSource>> StoredDataset::OpenStep(int64_t step,
 StatusOr<std::shared_ptr<Dataset>> Dataset::Open(const std::string& path, FileSystem& files) {
   FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
   FOVEA_ASSIGN_OR_RETURN(DatasetInfo info, ReadGroup(files, store));
-  FOVEA_RETURN_IF_ERROR(CheckArrays(files, store, info));
+  Status checked = CheckArrays(files, store, info);
+  if (!checked.ok()) {  // it may have been removed, or replaced, since its group was read
+    FOVEA_ASSIGN_OR_RETURN(info, ReadGroup(files, store));
+    checked = CheckArrays(files, store, info);
+  }
+  FOVEA_RETURN_IF_ERROR(checked);
   return std::make_shared<StoredDataset>(files, store, std::move(info));
 }
 

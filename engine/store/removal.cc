@@ -12,10 +12,8 @@ constexpr std::string_view kPrefix = ".fovea-removed-";
 /// Removals in one folder that lie unfinished.
 constexpr int kMostAtOnce = 10'000;
 
-}  // namespace
-
-StatusOr<StoreRemoval> StoreRemoval::Begin(const std::string& path, FileSystem& files) {
-  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(files, path));
+/// Renames a store whose lock is held; where it lies then.
+StatusOr<std::string> MoveAway(FileSystem& files, const std::string& path) {
   const std::string folder = DirectoryOf(path);
   for (int i = 0; i < kMostAtOnce; ++i) {
     const std::string away = fmt::format("{}/{}{}", folder, kPrefix, i);
@@ -27,10 +25,18 @@ StatusOr<StoreRemoval> StoreRemoval::Begin(const std::string& path, FileSystem& 
       return ErrnoStatus(-renamed, "cannot rename", path);
     }
     FOVEA_RETURN_IF_ERROR(FlushDirectory(files, folder));
-    return StoreRemoval(files, away, std::move(lock));
+    return away;
   }
   return FailedPrecondition("{}/{}0 and what follows are {} stores half removed; remove them",
                             folder, kPrefix, kMostAtOnce);
+}
+
+}  // namespace
+
+StatusOr<StoreRemoval> StoreRemoval::Begin(const std::string& path, FileSystem& files) {
+  FOVEA_ASSIGN_OR_RETURN(WriterLock lock, WriterLock::Take(files, path));
+  FOVEA_ASSIGN_OR_RETURN(std::string away, MoveAway(files, path));
+  return StoreRemoval(files, std::move(away), std::move(lock));
 }
 
 StatusOr<StoreRemoval> StoreRemoval::TakeUp(const std::string& path, FileSystem& files) {
@@ -40,6 +46,12 @@ StatusOr<StoreRemoval> StoreRemoval::TakeUp(const std::string& path, FileSystem&
 
 Status StoreRemoval::Finish() {
   return RemoveTree(*files_, path_);
+}
+
+Status RemoveHeldStore(const std::string& path, FileSystem& files) {
+  FOVEA_ASSIGN_OR_RETURN(const std::string store, StorePath(path));
+  FOVEA_ASSIGN_OR_RETURN(const std::string away, MoveAway(files, store));
+  return RemoveTree(files, away);
 }
 
 bool IsRemovedName(std::string_view name) {

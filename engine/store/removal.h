@@ -37,6 +37,10 @@ class StoreRemoval {
   WriterLock lock_;
 };
 
+/// Both parts for whoever holds the writer's lock of the store, and lets go of it after that: of a
+/// store that was made and came to nothing. Readers find all of it or nothing meanwhile.
+[[nodiscard]] Status RemoveHeldStore(const std::string& path, FileSystem& files = RealFileSystem());
+
 /// Whether Begin gives such names to folders.
 [[nodiscard]] bool IsRemovedName(std::string_view name);
 

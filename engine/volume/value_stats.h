@@ -10,12 +10,12 @@
 
 namespace fovea {
 
-/// Statistics of values that pass once. Of integers of at most 16 bits
-/// (all of one type) each value is counted. Of
-/// floats the range is not known before the last: they are counted in fine bins, each a power of
-/// two wide and at most 1/kFineBins of the range, and these become the 256 bins of the histogram at
-/// the end. So its counts add up exactly, and a value can be one bin off if it is less than
-/// (maximum - minimum)/kFineBins from the border of two. Not thread-safe.
+/// Statistics of values that pass once. Of integers of at most 16 bits (all of one type) each value
+/// is counted. Of floats the range is not known before the last: they are counted in fine bins,
+/// each a power of two wide and at most 1/kFineBins of the range, and these become the 256 bins of
+/// the histogram at the end. So its counts add up exactly, and a value can be one bin off if it is
+/// less than (maximum - minimum)/kFineBins from the border of two.
+/// Not thread-safe.
 class ValueStats {
  public:
   static constexpr int64_t kFineBins = 16384;

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "engine/base/stopwatch.h"
+#include "engine/store/removal.h"
 #include "ingest/grid_choice.h"
 #include "ingest/sensors/reading_stream.h"
 #include "ingest/sensors/sensor_store.h"
@@ -62,11 +63,10 @@ class SensorRun {
 
   /// Removes the store that this run made.
   void Discard() {
-    store_.reset();
     if (made_store_) {
-      std::error_code ignored;
-      std::filesystem::remove_all(options_.output, ignored);
+      [[maybe_unused]] const Status removed = store::RemoveHeldStore(options_.output);
     }
+    store_.reset();
   }
 
  private:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <string>
 #include <utility>
@@ -215,28 +216,52 @@ Animation Animation::Orbit(const PerspectiveSpec& camera, const Matrix4& index_t
   return {frames, std::move(keys)};
 }
 
+Animation::Animation(int64_t frames, std::vector<Keyframe> keys)
+    : frames_(frames), keys_(std::move(keys)) {
+  Fill(&view_);
+  Fill(&span_voxels_);
+  Fill(&eye_);
+  Fill(&target_);
+  Fill(&up_);
+  Fill(&fov_y_deg_);
+  Fill(&fovea_);
+  Fill(&rate_);
+  Fill(&step_);
+}
+
 template <typename T>
-std::optional<T> Animation::Sample(std::optional<T> Keyframe::*track, int64_t frame) const {
-  const auto has = [track](const Keyframe& key) { return (key.*track).has_value(); };
-  // The first key after this frame; then the nearest ones with a value on both sides.
-  const auto split =
-      std::upper_bound(keys_.begin(), keys_.end(), frame,
-                       [](int64_t at, const Keyframe& key) { return at < key.frame; });
-  const auto next = std::find_if(split, keys_.end(), has);
-  const auto before = std::find_if(std::make_reverse_iterator(split), keys_.rend(), has);
-  if (before == keys_.rend()) {
-    return next == keys_.end() ? std::nullopt : (*next).*track;
+void Animation::Fill(Track<T>* track) const {
+  for (size_t i = 0; i < keys_.size(); ++i) {
+    if ((keys_[i].*track->value).has_value()) {
+      track->keys.push_back(i);
+    }
   }
-  if (next == keys_.end()) {
-    return (*before).*track;
+}
+
+template <typename T>
+std::optional<T> Animation::Sample(const Track<T>& track, int64_t frame) const {
+  if (track.keys.empty()) {
+    return std::nullopt;
   }
+  // The first key after this frame, and the one before it.
+  const auto next =
+      std::upper_bound(track.keys.begin(), track.keys.end(), frame,
+                       [this](int64_t at, size_t key) { return at < keys_[key].frame; });
+  if (next == track.keys.begin()) {
+    return keys_[*next].*track.value;
+  }
+  const Keyframe& before = keys_[*std::prev(next)];
+  if (next == track.keys.end()) {
+    return before.*track.value;
+  }
+  const Keyframe& after = keys_[*next];
   const double part =
-      static_cast<double>(frame - before->frame) / static_cast<double>(next->frame - before->frame);
-  return Between(*((*before).*track), *((*next).*track), part);
+      static_cast<double>(frame - before.frame) / static_cast<double>(after.frame - before.frame);
+  return Between(*(before.*track.value), *(after.*track.value), part);
 }
 
 void Animation::MoveCamera(int64_t frame, FrameSpec* spec) const {
-  if (const auto eye = Sample(&Keyframe::eye, frame)) {
+  if (const auto eye = Sample(eye_, frame)) {
     const PerspectiveSpec camera = spec->view.perspective.value_or(PerspectiveSpec{});
     spec->view = {};
     spec->view.perspective = camera;
@@ -246,38 +271,38 @@ void Animation::MoveCamera(int64_t frame, FrameSpec* spec) const {
     return;
   }
   PerspectiveSpec& camera = *spec->view.perspective;
-  if (const auto target = Sample(&Keyframe::target, frame)) {
+  if (const auto target = Sample(target_, frame)) {
     camera.target = Position{*target};
   }
-  if (const auto up = Sample(&Keyframe::up, frame)) {
+  if (const auto up = Sample(up_, frame)) {
     camera.up = up;
   }
-  if (const auto fov = Sample(&Keyframe::fov_y_deg, frame)) {
+  if (const auto fov = Sample(fov_y_deg_, frame)) {
     camera.fov_y_deg = fov;
   }
 }
 
 FrameSpec Animation::SpecAt(int64_t frame, const FrameSpec& spec) const {
   FrameSpec result = spec;
-  if (const auto view = Sample(&Keyframe::view, frame)) {
+  if (const auto view = Sample(view_, frame)) {
     result.view.azimuth_deg = view->azimuth_deg;
     result.view.elevation_deg = view->elevation_deg;
   }
   MoveCamera(frame, &result);
-  if (const auto fovea = Sample(&Keyframe::fovea, frame)) {
+  if (const auto fovea = Sample(fovea_, frame)) {
     result.fovea = Position{*fovea};
   }
-  if (const auto rate = Sample(&Keyframe::rate, frame)) {
+  if (const auto rate = Sample(rate_, frame)) {
     result.rate = *rate;
   }
-  if (const auto span = Sample(&Keyframe::span_voxels, frame)) {
+  if (const auto span = Sample(span_voxels_, frame)) {
     result.view.span_voxels = span;
   }
   return result;
 }
 
 std::optional<int64_t> Animation::StepAt(int64_t frame) const {
-  return Sample(&Keyframe::step, frame);
+  return Sample(step_, frame);
 }
 
 }  // namespace fovea::frames

@@ -33,7 +33,8 @@ struct Keyframe {
 
 /// View or camera, fovea, rate, span and step over the frames of a shot: each linear between the
 /// keyframes that have it, constant before the first and after the last of them. docs/export.md
-/// describes it. Thread-safe once it is made.
+/// describes it. A frame takes time with the logarithm of the number of keys. Thread-safe once it
+/// is made.
 class Animation {
  public:
   static constexpr int64_t kMaxFrames = 1'000'000;
@@ -66,15 +67,34 @@ class Animation {
   }
 
  private:
-  Animation(int64_t frames, std::vector<Keyframe> keys) : frames_(frames), keys_(std::move(keys)) {}
+  /// One of a keyframe's values, and the keys that have it: places in keys_, in order.
+  template <typename T>
+  struct Track {
+    std::optional<T> Keyframe::*value;
+    std::vector<size_t> keys;
+  };
+
+  Animation(int64_t frames, std::vector<Keyframe> keys);
 
   template <typename T>
-  [[nodiscard]] std::optional<T> Sample(std::optional<T> Keyframe::*track, int64_t frame) const;
+  void Fill(Track<T>* track) const;
+  /// O(log keys).
+  template <typename T>
+  [[nodiscard]] std::optional<T> Sample(const Track<T>& track, int64_t frame) const;
   /// What the keys say about a perspective view.
   void MoveCamera(int64_t frame, FrameSpec* spec) const;
 
   int64_t frames_ = 1;
   std::vector<Keyframe> keys_;
+  Track<Keyframe::Angles> view_{&Keyframe::view, {}};
+  Track<double> span_voxels_{&Keyframe::span_voxels, {}};
+  Track<Vec3> eye_{&Keyframe::eye, {}};
+  Track<Vec3> target_{&Keyframe::target, {}};
+  Track<Vec3> up_{&Keyframe::up, {}};
+  Track<double> fov_y_deg_{&Keyframe::fov_y_deg, {}};
+  Track<Vec3> fovea_{&Keyframe::fovea, {}};
+  Track<double> rate_{&Keyframe::rate, {}};
+  Track<int64_t> step_{&Keyframe::step, {}};
 };
 
 }  // namespace fovea::frames

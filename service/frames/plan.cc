@@ -1,6 +1,8 @@
 #include "service/frames/plan.h"
 
 #include <algorithm>
+#include <functional>
+#include <string>
 
 #include "engine/base/parallel.h"
 #include "engine/store/read_quote.h"
@@ -31,10 +33,7 @@ std::string Excess(const FramePlan& plan, const FrameBudget& budget) {
   return "";
 }
 
-}  // namespace
-
-StatusOr<FramePlan> PlanFrame(store::Dataset& dataset, int64_t step, const FrameSpec& resolved,
-                              int threads) {
+Status CheckCountable(const FrameSpec& resolved) {
   if (resolved.color_field) {
     return InvalidArgument("color_field: a plan counts one field; leave it out");
   }
@@ -42,7 +41,11 @@ StatusOr<FramePlan> PlanFrame(store::Dataset& dataset, int64_t step, const Frame
     return InvalidArgument(
         "a plan counts orthographic views; leave out --eye, --target, --up and --fov");
   }
-  const store::DatasetInfo info = dataset.info();
+  return absl::OkStatus();
+}
+
+/// What follows from windows and view alone: nothing is read, and reading counts for nothing.
+StatusOr<FramePlan> Count(const store::DatasetInfo& info, const FrameSpec& resolved, int threads) {
   FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
                          RetainedSet::Make(info.hierarchy, FoveaOf(resolved)));
   FramePlan plan;
@@ -50,48 +53,81 @@ StatusOr<FramePlan> PlanFrame(store::Dataset& dataset, int64_t step, const Frame
   plan.threads = Threads(threads);
   plan.counts = CountFrame(info, retained, resolved);
   plan.coefficients = static_cast<uint64_t>(retained.CoefficientCount());
+  plan.time = render::PredictTime(plan.counts, 0, 0, plan.threads);
+  return plan;
+}
+
+/// Adds what is read to a plan that Count made.
+Status AddRead(store::Dataset& dataset, int64_t step, FramePlan* plan) {
+  const FrameSpec& resolved = plan->used;
+  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
+                         RetainedSet::Make(dataset.info().hierarchy, FoveaOf(resolved)));
   FOVEA_ASSIGN_OR_RETURN(
       const store::ReadStats read,
       store::QuoteRead(dataset, step, *resolved.field,
                        resolved.strict ? store::OnDamage::kFail : store::OnDamage::kCount,
                        retained));
-  plan.chunks_read = read.chunks_read;
-  plan.chunks_total = read.chunks_total;
-  plan.bytes_read = read.bytes_read;
-  plan.time = render::PredictTime(plan.counts, plan.chunks_read, plan.bytes_read, plan.threads);
-  return plan;
+  plan->chunks_read = read.chunks_read;
+  plan->chunks_total = read.chunks_total;
+  plan->bytes_read = read.bytes_read;
+  plan->time =
+      render::PredictTime(plan->counts, plan->chunks_read, plan->bytes_read, plan->threads);
+  return absl::OkStatus();
 }
 
-StatusOr<FramePlan> PlanWithin(store::Dataset& dataset, int64_t step, const FrameSpec& resolved,
-                               const FrameBudget& budget, int threads) {
-  const int64_t n = dataset.info().hierarchy.dims().Max();
-  const auto at = [&](int64_t rate) {
-    FrameSpec spec = resolved;
-    spec.rate = static_cast<double>(rate);
-    return PlanFrame(dataset, step, spec, threads);
-  };
-  FOVEA_ASSIGN_OR_RETURN(FramePlan best, at(1));
-  if (const std::string excess = Excess(best, budget); !excess.empty()) {
-    return ResourceExhausted(
-        "a frame at rate 1 already takes {}; allow more, or ask for fewer pixels", excess);
-  }
-  // Invariant: `low` keeps within the budget, `high` does not (or is n + 1). Doubling first, so
-  // that nothing much larger than the answer is ever planned.
-  int64_t low = 1;
-  int64_t high = n + 1;
+/// The largest of the rates `low` to `most` that `plan_at` says is within the budget; it is so of
+/// `low`. Doubles first, so that nothing much larger than the answer is ever planned.
+StatusOr<int64_t> LargestWithin(int64_t low, int64_t most, const FrameBudget& budget,
+                                const std::function<StatusOr<FramePlan>(int64_t)>& plan_at) {
+  // Invariant: `low` keeps within the budget, `high` does not (or is most + 1).
+  int64_t high = most + 1;
   bool doubling = true;
   while (high - low > 1) {
-    const int64_t middle = doubling ? std::min(2 * low, n) : low + (high - low) / 2;
-    FOVEA_ASSIGN_OR_RETURN(FramePlan plan, at(middle));
+    const int64_t middle = doubling ? std::min(2 * low, most) : low + (high - low) / 2;
+    FOVEA_ASSIGN_OR_RETURN(const FramePlan plan, plan_at(middle));
     if (Excess(plan, budget).empty()) {
       low = middle;
-      best = std::move(plan);
     } else {
       high = middle;
       doubling = false;
     }
   }
-  return best;
+  return low;
+}
+
+}  // namespace
+
+StatusOr<FramePlan> PlanFrame(store::Dataset& dataset, int64_t step, const FrameSpec& resolved,
+                              int threads) {
+  FOVEA_RETURN_IF_ERROR(CheckCountable(resolved));
+  FOVEA_ASSIGN_OR_RETURN(FramePlan plan, Count(dataset.info(), resolved, threads));
+  FOVEA_RETURN_IF_ERROR(AddRead(dataset, step, &plan));
+  return plan;
+}
+
+StatusOr<FramePlan> PlanWithin(store::Dataset& dataset, int64_t step, const FrameSpec& resolved,
+                               const FrameBudget& budget, int threads) {
+  const auto at = [&resolved](int64_t rate) {
+    FrameSpec spec = resolved;
+    spec.rate = static_cast<double>(rate);
+    return spec;
+  };
+  const auto plan_at = [&](int64_t rate) { return PlanFrame(dataset, step, at(rate), threads); };
+  FOVEA_ASSIGN_OR_RETURN(const FramePlan least, plan_at(1));
+  if (const std::string excess = Excess(least, budget); !excess.empty()) {
+    return ResourceExhausted(
+        "a frame at rate 1 already takes {}; allow more, or ask for fewer pixels", excess);
+  }
+  // What costs nothing first: the time of a quote grows with the chunks, which may be billions.
+  const store::DatasetInfo info = dataset.info();
+  FOVEA_ASSIGN_OR_RETURN(
+      int64_t rate, LargestWithin(1, info.hierarchy.dims().Max(), budget, [&](int64_t rate_tried) {
+        return Count(info, at(rate_tried), threads);
+      }));
+  if (budget.bytes_read || budget.ms) {
+    FOVEA_ASSIGN_OR_RETURN(rate, LargestWithin(1, rate, budget, plan_at));
+  }
+  return plan_at(rate);
 }
 
 }  // namespace fovea::frames

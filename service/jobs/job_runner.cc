@@ -17,6 +17,7 @@
 #include "engine/store/dataset_writer.h"
 #include "engine/store/file.h"
 #include "engine/store/metadata.h"
+#include "engine/store/removal.h"
 #include "service/wire/printable.h"
 
 namespace fovea::jobs {
@@ -435,13 +436,13 @@ void JobRunner::Tidy(const Job& job) const {
   const auto writer = store::DatasetWriter::Append(path);
   if (writer.ok()) {
     if ((*writer)->info().committed_steps == 0) {
-      fs::remove_all(path, ignored);
+      [[maybe_unused]] const Status removed = store::RemoveHeldStore(path);
     }
     return;
   }
   const auto lock = store::WriterLock::Take(store::RealFileSystem(), path);
   if (lock.ok() && !fs::exists(fs::path(path) / store::kMetadataName, ignored)) {
-    fs::remove_all(path, ignored);
+    [[maybe_unused]] const Status removed = store::RemoveHeldStore(path);
   }
 }
 

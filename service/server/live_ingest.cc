@@ -1,10 +1,11 @@
 #include "service/server/live_ingest.h"
 
 #include <cmath>
-#include <filesystem>
-#include <system_error>
 #include <utility>
 
+#include <spdlog/spdlog.h>
+
+#include "engine/store/removal.h"
 #include "service/wire/status.h"
 
 namespace fovea::server {
@@ -40,9 +41,9 @@ LiveIngest::~LiveIngest() {
   if (store_ == nullptr || made_path_.empty() || store_->committed_steps() > 0) {
     return;
   }
-  // The lock is let go of last, so that nobody writes to what is being removed.
-  std::error_code ignored;
-  std::filesystem::remove_all(made_path_, ignored);
+  if (const Status removed = store::RemoveHeldStore(made_path_); !removed.ok()) {
+    spdlog::warn("a dataset without a step stays: {}", MessageOf(removed));
+  }
 }
 
 Status LiveIngest::OpenStore(Catalogue& catalogue, const wire::ReadingsSpec& spec) {

@@ -36,12 +36,10 @@ class ReadingsPeer {
 /// * While kMostWaitingBytes wait, nothing is read: the client's transport holds it back. Nor while
 ///   the caller is above its quota of bytes in; it is told so, once a second.
 /// * One job at a time sorts in all that waits and commits what that closes, together; so steps
-/// that
-///   come faster than they can be committed share a commit.
+///   that come faster than they can be committed share a commit.
 /// * What is acknowledged is safe: the acknowledgement is made after the commit.
 /// * An error, a cancel or a draining server drop what is open and was not acknowledged. The store
-/// is
-///   let go of before the client hears of the end.
+///   is let go of before the client hears of the end.
 ///
 /// Knows no gRPC. A job of it may outlast the call: share it. Thread-safe.
 class LiveStream final : public StepListener, public std::enable_shared_from_this<LiveStream> {

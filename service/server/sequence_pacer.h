@@ -18,8 +18,7 @@ namespace fovea::server {
 /// 5. A cancel ends it at once; only a write in flight is waited for. What is being rendered then
 ///    is thrown away when it arrives.
 /// 6. One that follows has no end. Frames that there were when it was opened are sent one by one;
-/// of
-///    those that come later always the newest one.
+///    of those that come later always the newest one.
 /// 7. Exactly one call returns `finish`, and none returns anything after it.
 ///
 /// Every event returns what to do now; the caller must do all of it. Not thread-safe: the owner

@@ -1,8 +1,10 @@
 #include "engine/store/removal.h"
 
+#include <atomic>
 #include <cerrno>
 #include <filesystem>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -87,6 +89,57 @@ TEST(StoreRemoval, AWriterHoldsIt) {
   EXPECT_THAT(StoreRemoval::TakeUp(left).status(),
               FailsWith(absl::StatusCode::kFailedPrecondition, "is being written by"));
   EXPECT_OK(removal.Finish());
+  EXPECT_TRUE(fs::is_empty(folder.Path("")));
+}
+
+TEST(RemoveHeldStore, NoCrashLeavesPartOfAStoreUnderItsName) {
+  SimulatedDisk disk;
+  ASSERT_OK(MakeDirectory(disk, "root"));
+  ASSERT_OK(testing::MakeStore(kPath, testing::MakeInfo(kDims, 8), 0, disk));
+  const auto whole = disk.AfterPowerCut([](size_t) { return true; }, SimulatedDisk::Kept::kAll);
+  const auto work = [](SimulatedDisk* at) -> Status {
+    FOVEA_ASSIGN_OR_RETURN(const auto writer, DatasetWriter::Append(kPath, *at));
+    return RemoveHeldStore(kPath, *at);
+  };
+  CrashEverywhere([&] { return whole->AfterKill(); }, work,
+                  [&](SimulatedDisk* at) {
+                    const auto there = Dataset::Open(kPath, *at);
+                    if (there.ok()) {
+                      return;
+                    }
+                    EXPECT_TRUE(absl::IsNotFound(there.status())) << there.status();
+                    for (const std::string& path : Left(*at)) {
+                      ASSERT_OK_AND_ASSIGN(StoreRemoval removal, StoreRemoval::TakeUp(path, *at));
+                      EXPECT_OK(removal.Finish());
+                    }
+                    EXPECT_EQ(at->Files().size(), 0U);
+                  });
+}
+
+TEST(RemoveHeldStore, AReaderFindsAllOrNothing) {
+  testing::TemporaryFolder folder;
+  const std::string path = folder.Path("plume.zarr");
+  std::atomic<bool> done = false;
+  std::atomic<int> found = 0, damaged = 0;
+  std::thread reader([&] {
+    while (!done) {
+      const Status opened = Dataset::Open(path).status();
+      found += opened.ok() ? 1 : 0;
+      damaged += absl::IsDataLoss(opened) ? 1 : 0;
+    }
+  });
+  for (int i = 0; i < 50; ++i) {
+    const auto writer = DatasetWriter::Create(path, testing::MakeInfo(kDims, 8));
+    EXPECT_OK(writer.status());
+    const int before = found;
+    for (int wait = 0; wait < 1000 && found == before; ++wait) {
+      std::this_thread::yield();
+    }
+    EXPECT_OK(RemoveHeldStore(path));
+  }
+  done = true;
+  reader.join();
+  EXPECT_EQ(damaged, 0);
   EXPECT_TRUE(fs::is_empty(folder.Path("")));
 }
 

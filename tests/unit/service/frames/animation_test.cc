@@ -1,5 +1,8 @@
 #include "service/frames/animation.h"
 
+#include <random>
+
+#include "engine/base/stopwatch.h"
 #include "tests/support/status_matchers.h"
 
 namespace fovea::frames {
@@ -99,6 +102,59 @@ TEST(Animation, ManyKeysAreFound) {
   for (int64_t frame = 0; frame < 999'990; frame += 500) {
     ASSERT_EQ(animation.SpecAt(frame, {}).rate, 1 + static_cast<double>(frame) / 10);
   }
+}
+
+TEST(Animation, EachValueHasKeysOfItsOwn) {
+  std::mt19937 random(7);
+  std::vector<Keyframe> keys(40);
+  for (size_t i = 0; i < keys.size(); ++i) {
+    keys[i].frame = static_cast<int64_t>(3 * i + random() % 3);
+    if (random() % 3 == 0) {
+      keys[i].rate = 1 + static_cast<double>(random() % 100);
+    }
+    if (random() % 4 == 0) {
+      keys[i].step = random() % 1000;
+    }
+  }
+  ASSERT_OK_AND_ASSIGN(const Animation animation, Animation::Make(200, keys));
+  for (int64_t frame = 0; frame < 200; ++frame) {
+    const Keyframe* before = nullptr;
+    const Keyframe* after = nullptr;
+    for (const Keyframe& key : keys) {
+      if (key.rate && key.frame <= frame) {
+        before = &key;
+      } else if (key.rate && after == nullptr) {
+        after = &key;
+      }
+    }
+    ASSERT_TRUE(before != nullptr || after != nullptr);
+    const double from = before != nullptr ? *before->rate : *after->rate;
+    const double to = after != nullptr ? *after->rate : from;
+    const double part = before != nullptr && after != nullptr
+                            ? static_cast<double>(frame - before->frame) /
+                                  static_cast<double>(after->frame - before->frame)
+                            : 0;
+    EXPECT_EQ(animation.SpecAt(frame, {}).rate, from + part * (to - from)) << frame;
+  }
+  for (const Keyframe& key : keys) {
+    EXPECT_TRUE(!key.step || animation.StepAt(key.frame) == key.step) << key.frame;
+  }
+}
+
+// Looking at every key for every value would be 9 x 2e10 looks, and minutes.
+TEST(Animation, FramesFarFromTheirKeysCostLittle) {
+  std::vector<Keyframe> keys(200'000);
+  for (size_t i = 0; i < keys.size(); ++i) {
+    keys[i].frame = static_cast<int64_t>(i);
+  }
+  keys.front().rate = 1;
+  keys.back().rate = 200'000;
+  ASSERT_OK_AND_ASSIGN(const Animation animation, Animation::Make(1'000'000, keys));
+  const Stopwatch watch;
+  for (int64_t frame = 0; frame < 200'000; frame += 2) {
+    ASSERT_NEAR(animation.SpecAt(frame, {}).rate->x, 1 + static_cast<double>(frame), 1e-6);
+  }
+  EXPECT_LT(watch.ElapsedMs(), 5000);
 }
 
 TEST(Animation, SpreadsItsFramesEvenly) {

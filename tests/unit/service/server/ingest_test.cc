@@ -246,6 +246,23 @@ TEST_F(IngestTest, ADatasetWithoutAStepGoesWithItsCall) {
   EXPECT_EQ(StepsOf("live"), 1);
 }
 
+TEST_F(IngestTest, AReaderSeesAllOfADatasetThatGoesOrNothing) {
+  std::atomic<bool> done = false;
+  std::atomic<int> damaged = 0;
+  std::thread reader([&] {
+    while (!done) {
+      damaged += absl::IsDataLoss(store::Dataset::Open(Path("live")).status()) ? 1 : 0;
+    }
+  });
+  for (int i = 0; i < 30; ++i) {
+    EXPECT_OK(Send({Header()}));
+  }
+  done = true;
+  reader.join();
+  EXPECT_EQ(damaged, 0);
+  EXPECT_FALSE(std::filesystem::exists(Path("live")));
+}
+
 TEST_F(IngestTest, ADatasetThatIsThereKeepsItsBoxAndFields) {
   ASSERT_OK(Send({Header("lab/deep/live"), Last(Batch(1, 0))}));
   v1::StreamReadingsRequest header = Header("lab/deep/live");
