@@ -8,6 +8,7 @@
 #include <system_error>
 #include <utility>
 
+#include "engine/base/buffers.h"
 #include "engine/base/stopwatch.h"
 #include "engine/store/dataset_writer.h"
 #include "engine/store/file.h"
@@ -22,6 +23,7 @@
 #include "ingest/quantised_step.h"
 #include "ingest/sequence.h"
 #include "ingest/series_plan.h"
+#include "ingest/sparse_fields.h"
 #include "ingest/step_reader.h"
 
 namespace fovea::ingest {
@@ -66,10 +68,12 @@ class Run {
   Status ScanAndPlan(const std::optional<ExistingStore>& existing, bool from_voxels);
   Status WriteSteps(bool from_voxels);
   Status WriteStep(const PlannedStep& step, StepReader* reader);
-  StatusOr<std::unique_ptr<FieldStream>> StartField(size_t field, float background);
-  Status WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedStep* quantised);
+  StatusOr<std::unique_ptr<FieldStream>> StartField(size_t field);
+  Status TakeSparse(const PlannedStep& step, SparseField sparse, SparseFields* fields,
+                    QuantisedStep* quantised);
+  Status WriteSparse(SparseFields* waiting);
   Status WriteQuantised(QuantisedStep* step);
-  Status CreateStore();
+  Status NeedStore();
   Status PublishSteps();
   [[nodiscard]] bool GoOn(int64_t done, int64_t total, const std::string& now) const {
     return progress_ == nullptr || progress_({done, total, now});
@@ -282,27 +286,28 @@ Status Run::WriteSteps(bool from_voxels) {
     FOVEA_RETURN_IF_ERROR(status);
   }
   static_cast<void>(GoOn(report_.steps, total, ""));
-  return writer_ == nullptr ? CreateStore() : absl::OkStatus();  // a part without steps
+  return NeedStore();  // a part without steps
 }
 
 Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
   std::unique_ptr<FieldStream> stream;  // of the field in hand
+  SparseFields waiting(basis_, options_.threads);
   QuantisedStep quantised(plan_.fields, hierarchy_, basis_,
                           writer_ != nullptr ? writer_->info().chunk_edge : options_.chunk_edge,
                           options_.threads);
-  while (true) {
+  for (bool has_ended = false; !has_ended;) {
     FOVEA_ASSIGN_OR_RETURN(StepPart part, reader->Next());
     const Stopwatch watch;
     if (auto* sparse = std::get_if<SparseField>(&part)) {
       FOVEA_RETURN_IF_ERROR(
-          WriteSparse(step, std::move(*sparse), is_quantised() ? &quantised : nullptr));
+          TakeSparse(step, std::move(*sparse), &waiting, is_quantised() ? &quantised : nullptr));
     } else if (auto* piece = std::get_if<DensePiece>(&part)) {
       if (is_quantised()) {
         quantised.Add(*piece);
         continue;
       }
       if (stream == nullptr) {
-        FOVEA_ASSIGN_OR_RETURN(stream, StartField(piece->field, 0));
+        FOVEA_ASSIGN_OR_RETURN(stream, StartField(piece->field));
       }
       FOVEA_RETURN_IF_ERROR(
           Annotate(stream->Push(std::move(piece->slices)), step.sources[piece->field].path));
@@ -314,7 +319,8 @@ Status Run::WriteStep(const PlannedStep& step, StepReader* reader) {
       }
     } else {
       report_.read_ms += std::get<StepEnd>(part).read_ms;
-      break;
+      FOVEA_RETURN_IF_ERROR(WriteSparse(&waiting));
+      has_ended = true;
     }
     report_.transform_ms += watch.ElapsedMs();
   }
@@ -340,33 +346,24 @@ Status Run::PublishSteps() {
   return status;
 }
 
-StatusOr<std::unique_ptr<FieldStream>> Run::StartField(size_t field, float background) {
-  if (writer_ == nullptr) {
-    FOVEA_RETURN_IF_ERROR(CreateStore());
-  }
-  return FieldStream::Start(writer_.get(), plan_.fields[field], basis_, background,
-                            options_.threads);
+StatusOr<std::unique_ptr<FieldStream>> Run::StartField(size_t field) {
+  FOVEA_RETURN_IF_ERROR(NeedStore());
+  return FieldStream::Start(writer_.get(), plan_.fields[field], basis_, 0, options_.threads);
 }
 
 /// The fields of a step; the first one says how all are stored.
 Status Run::WriteQuantised(QuantisedStep* step) {
   if (writer_ == nullptr) {
     FOVEA_ASSIGN_OR_RETURN(codings_, step->ChooseCodings(*options_.tolerance));
-    for (const store::FieldInfo& coding : codings_) {
-      if (coding.scales.empty()) {
-        report_.warnings.push_back(
-            fmt::format("field '{}': nothing in its first step to choose scales by: stored as "
-                        "float32, which is exact",
-                        coding.name));
-      }
-    }
-    FOVEA_RETURN_IF_ERROR(CreateStore());
+    WarnOfExact(codings_, &report_.warnings);
+    FOVEA_RETURN_IF_ERROR(NeedStore());
   }
   return step->Write(writer_.get());
 }
 
-/// Into the store, or to `quantised`.
-Status Run::WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedStep* quantised) {
+/// To `waiting`, and into the store once much waits; or to `quantised`.
+Status Run::TakeSparse(const PlannedStep& step, SparseField sparse, SparseFields* waiting,
+                       QuantisedStep* quantised) {
   if (!sparse.outside.empty()) {
     metadata_was_wrong_ = true;
     return DataLoss(
@@ -380,10 +377,13 @@ Status Run::WriteSparse(const PlannedStep& step, SparseField sparse, QuantisedSt
     quantised->Add(sparse.field, std::move(sparse.voxels.voxels));
     return absl::OkStatus();
   }
-  auto voxels = std::make_shared<const BrickGrid>(std::move(sparse.voxels.voxels));
-  FOVEA_ASSIGN_OR_RETURN(const auto stream, StartField(sparse.field, voxels->background()));
-  FOVEA_RETURN_IF_ERROR(stream->Push(voxels));
-  return stream->Finish(ComputeStats(*voxels));
+  waiting->Add(plan_.fields[sparse.field], std::move(sparse.voxels.voxels));
+  return waiting->IsFull() ? WriteSparse(waiting) : absl::OkStatus();
+}
+
+Status Run::WriteSparse(SparseFields* waiting) {
+  FOVEA_RETURN_IF_ERROR(waiting->empty() ? absl::OkStatus() : NeedStore());
+  return waiting->Write(writer_.get());
 }
 
 store::DatasetInfo Run::NewInfo() const {
@@ -416,7 +416,10 @@ store::DatasetInfo Run::NewInfo() const {
 }
 
 /// Late, when the first step is ready to be written: a series that fails at once leaves nothing.
-Status Run::CreateStore() {
+Status Run::NeedStore() {
+  if (writer_ != nullptr) {
+    return absl::OkStatus();
+  }
   FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, NewInfo()));
   made_store_ = true;
   return absl::OkStatus();
@@ -472,6 +475,7 @@ StatusOr<PlannedSeries> PlanIngest(const IngestOptions& options, const ProgressC
 StatusOr<IngestReport> IngestGiven(const IngestOptions& options, const Given& given,
                                    const ProgressCallback& progress) {
   FOVEA_RETURN_IF_ERROR(CheckIngestOptions(options));
+  KeepFreedMemory();
   Run run(options, given, progress);
   const Status status = run.Execute(/*from_voxels=*/false);
   if (status.ok()) {

@@ -62,4 +62,15 @@ Status QuantisedStep::Write(store::DatasetWriter* writer) {
   return absl::OkStatus();
 }
 
+void WarnOfExact(const std::vector<store::FieldInfo>& codings, std::vector<std::string>* warnings) {
+  for (const store::FieldInfo& coding : codings) {
+    if (coding.scales.empty()) {
+      warnings->push_back(
+          fmt::format("field '{}': nothing in its first step to choose scales by: stored as "
+                      "float32, which is exact",
+                      coding.name));
+    }
+  }
+}
+
 }  // namespace fovea::ingest

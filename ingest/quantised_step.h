@@ -43,6 +43,9 @@ class QuantisedStep {
   std::vector<int64_t> next_slice_;  // by field, of dense ones
 };
 
+/// Adds a warning for each field that ChooseCodings could choose no scales for.
+void WarnOfExact(const std::vector<store::FieldInfo>& codings, std::vector<std::string>* warnings);
+
 }  // namespace fovea::ingest
 
 #endif  // INGEST_QUANTISED_STEP_H_

@@ -24,9 +24,11 @@ int64_t MaxStepBytes() {
 }
 
 constexpr size_t kMostLanes = 2;
-/// What may wait in a lane: so many parts, and so many bytes if there is more than one.
+/// What may wait in a lane: so many parts, and so many bytes if there is more than one. Of sparse
+/// fields, which come file by file, less: memory that is in the caches is used again.
 constexpr size_t kMostParts = 64;
 constexpr int64_t kMostPartBytes = 16 << 20;
+constexpr int64_t kMostSparseBytes = 4 << 20;
 
 int64_t LargestFile(const std::vector<SequenceFile>& files) {
   int64_t largest = 0;
@@ -198,11 +200,9 @@ StatusOr<StepPart> StepReader::Next() {
   std::unique_lock lock(mutex_);
   Lane& lane = *lanes_[next_step_ % lanes_.size()];
   changed_.wait(lock, [&] { return !lane.parts.empty(); });
-  StatusOr<StepPart> part = std::move(lane.parts.front());
+  StatusOr<StepPart> part = std::move(lane.parts.front().part);
+  lane.bytes -= lane.parts.front().bytes;
   lane.parts.pop_front();
-  if (lane.parts.empty()) {
-    lane.bytes = 0;
-  }
   if (part.ok() && std::holds_alternative<StepEnd>(*part)) {
     ++next_step_;
   }
@@ -212,15 +212,17 @@ StatusOr<StepPart> StepReader::Next() {
 
 Status StepReader::Push(Lane* lane, StatusOr<StepPart> part, int64_t bytes) {
   const Stopwatch watch;
+  const bool is_sparse = part.ok() && std::holds_alternative<SparseField>(*part);
+  const int64_t most = is_sparse ? kMostSparseBytes : kMostPartBytes;
   std::unique_lock lock(mutex_);
   changed_.wait(lock, [&] {
     return stopped_ || lane->parts.empty() ||
-           (lane->parts.size() < kMostParts && lane->bytes + bytes <= kMostPartBytes);
+           (lane->parts.size() < kMostParts && lane->bytes + bytes <= most);
   });
   if (stopped_) {
     return Cancelled("stopped");
   }
-  lane->parts.push_back(std::move(part));
+  lane->parts.push_back({std::move(part), bytes});
   lane->bytes += bytes;
   lane->waited_ms += watch.ElapsedMs();
   changed_.notify_all();

@@ -68,13 +68,17 @@ class StepReader {
   [[nodiscard]] StatusOr<StepPart> Next();
 
  private:
+  struct Waiting {
+    StatusOr<StepPart> part;
+    int64_t bytes = 0;
+  };
   /// What reads every n-th step.
   struct Lane {
     explicit Lane(std::unique_ptr<WorkerClient> worker) : client(std::move(worker)) {}
     std::unique_ptr<WorkerClient> client;
-    std::deque<StatusOr<StepPart>> parts;  // guarded by mutex_
-    int64_t bytes = 0;                     // of them; guarded by mutex_
-    double waited_ms = 0;                  // for room for parts
+    std::deque<Waiting> parts;  // guarded by mutex_
+    int64_t bytes = 0;          // of them; guarded by mutex_
+    double waited_ms = 0;       // for room for parts
     std::thread thread;
   };
 

@@ -11,6 +11,8 @@
 #include <utility>
 #include <vector>
 
+#include <malloc.h>
+
 namespace fovea {
 namespace {
 
@@ -77,6 +79,15 @@ std::shared_ptr<std::byte> TakeBytes(size_t bytes) {
     memory = Allocate(size);
   }
   return {memory.release(), [size](std::byte* done) { TheKept().GiveBack(size, Memory(done)); }};
+}
+
+void KeepFreedMemory() {
+  constexpr int kMostFromHeap = 4 << 20;
+  constexpr int kStep = 1 << 20;
+  ::mallopt(M_TRIM_THRESHOLD, static_cast<int>(kMostKept));
+  ::mallopt(M_MMAP_THRESHOLD, kMostFromHeap);
+  ::mallopt(M_TOP_PAD, kStep);
+  ::mallopt(M_ARENA_MAX, 1);  // the heaps of further ones grow page by page
 }
 
 }  // namespace fovea

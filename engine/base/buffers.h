@@ -21,6 +21,11 @@ template <typename Value>
   return {bytes, reinterpret_cast<Value*>(bytes.get())};
 }
 
+/// From now on the process keeps what it frees in all other ways too, up to kMostKept, instead of
+/// giving it back to the system at once and asking for it again. To be called before there are
+/// other threads.
+void KeepFreedMemory();
+
 }  // namespace fovea
 
 #endif  // ENGINE_BASE_BUFFERS_H_

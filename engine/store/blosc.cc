@@ -5,6 +5,7 @@
 #include <cstring>
 #include <limits>
 
+#define ZSTD_STATIC_LINKING_ONLY  // ZSTD_c_literalCompressionMode
 #include <zstd.h>
 
 #include "engine/store/shuffle.h"
@@ -27,6 +28,10 @@ constexpr size_t kBlockOffset = kHeaderBytes + sizeof(uint32_t);
 /// The block of bit planes is compressed in so many pieces with Huffman tables of their own: planes
 /// of noise, and planes of almost nothing, share none (docs/decisions/0015).
 constexpr size_t kPieces = 4;
+
+/// Floats of which at least so many are 0 are compressed as they lie: a gap is then one match, not
+/// one in each plane of bytes (docs/decisions/0015).
+constexpr double kLeastGaps = 0.3;
 
 /// Planes of fewer bytes share a stream: older Blosc libraries take them for such, whatever is
 /// said.
@@ -53,6 +58,7 @@ void Put(const T& value, std::vector<std::byte>* out, size_t at) {
 struct BloscEncoder::State {
   ZSTD_CCtx* bytes = ZSTD_createCCtx();  // for planes of bytes
   ZSTD_CCtx* bits = ZSTD_createCCtx();   // for planes of bits
+  ZSTD_CCtx* gaps = ZSTD_createCCtx();   // for floats that are mostly 0
   std::vector<std::byte> scratch, planes, chunk;
   size_t size = 0;  // of `chunk` so far
 
@@ -60,20 +66,32 @@ struct BloscEncoder::State {
   ~State() {
     ZSTD_freeCCtx(bytes);
     ZSTD_freeCCtx(bits);
+    ZSTD_freeCCtx(gaps);
   }
   /// Appends one stream, of the bytes as they are if they do not get smaller.
   void AppendPlane(std::span<const std::byte> plane);
+  /// Appends floats as they are as one stream; false, and nothing is appended, if that takes more
+  /// than their planes would without the gaps.
+  [[nodiscard]] bool AppendGaps(std::span<const std::byte> values);
   /// Appends all planes of bits as one stream; false if they do not get smaller.
   [[nodiscard]] bool AppendBits(std::span<const std::byte> all);
 };
 
 // Parameters by measurement (docs/decisions/0015). Bytes: only long matches are worth a sequence,
-// and a table that stays in the first cache finds them. Bits: matches of a plane with the next one.
+// and a table that stays in the first cache finds them. Gaps: they are long, so that few places are
+// looked at; the Huffman coder, which zstd leaves out then unless it is told, is worth its time.
+// Bits: matches of a plane with the next one.
 BloscEncoder::State::State() {
   ZSTD_CCtx_setParameter(bytes, ZSTD_c_compressionLevel, 1);
   ZSTD_CCtx_setParameter(bytes, ZSTD_c_minMatch, 7);
   ZSTD_CCtx_setParameter(bytes, ZSTD_c_hashLog, 10);
   ZSTD_CCtx_setParameter(bytes, ZSTD_c_checksumFlag, 1);
+  ZSTD_CCtx_setParameter(gaps, ZSTD_c_compressionLevel, 1);
+  ZSTD_CCtx_setParameter(gaps, ZSTD_c_minMatch, 7);
+  ZSTD_CCtx_setParameter(gaps, ZSTD_c_hashLog, 10);
+  ZSTD_CCtx_setParameter(gaps, ZSTD_c_targetLength, 4);
+  ZSTD_CCtx_setParameter(gaps, ZSTD_c_literalCompressionMode, ZSTD_ps_enable);
+  ZSTD_CCtx_setParameter(gaps, ZSTD_c_checksumFlag, 1);
   ZSTD_CCtx_setParameter(bits, ZSTD_c_compressionLevel, 3);
   ZSTD_CCtx_setParameter(bits, ZSTD_c_checksumFlag, 1);
 }
@@ -88,6 +106,19 @@ void BloscEncoder::State::AppendPlane(std::span<const std::byte> plane) {
   }
   Put(static_cast<uint32_t>(stream), &chunk, size);
   size = start + stream;
+}
+
+bool BloscEncoder::State::AppendGaps(std::span<const std::byte> values) {
+  const size_t start = size + sizeof(uint32_t);
+  const auto most = static_cast<size_t>((1 - kLeastGaps) * static_cast<double>(values.size()));
+  const size_t stream =
+      ZSTD_compress2(gaps, chunk.data() + start, most, values.data(), values.size());
+  if (ZSTD_isError(stream) != 0) {  // no room
+    return false;
+  }
+  Put(static_cast<uint32_t>(stream), &chunk, size);
+  size = start + stream;
+  return true;
 }
 
 bool BloscEncoder::State::AppendBits(std::span<const std::byte> all) {
@@ -111,6 +142,27 @@ bool BloscEncoder::State::AppendBits(std::span<const std::byte> all) {
   size = start + out.pos;
   return true;
 }
+
+namespace {
+
+/// Whether kLeastGaps of values of 4 bytes are 0, going by every fourth run of them.
+bool HasGaps(std::span<const std::byte> values) {
+  constexpr size_t kRun = 16;
+  std::array<uint32_t, kRun> words;
+  size_t runs = 0, zeros = 0;
+  for (size_t at = 0; at + sizeof(words) <= values.size(); at += 4 * sizeof(words)) {
+    std::memcpy(words.data(), values.data() + at, sizeof(words));
+    uint32_t of_run = 0;
+    for (const uint32_t word : words) {
+      of_run += word == 0 ? 1 : 0;
+    }
+    zeros += of_run;
+    ++runs;
+  }
+  return static_cast<double>(zeros) > kLeastGaps * static_cast<double>(runs * kRun);
+}
+
+}  // namespace
 
 BloscEncoder::BloscEncoder() : state_(std::make_unique<State>()) {}
 
@@ -138,6 +190,8 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
     header.flags = kBitShuffled | kOneStream | kZstdFormat;
     ShuffleBits(values.data(), count, type_bytes, s.scratch.data(), s.planes.data());
     smaller = s.AppendBits(s.planes);
+  } else if (type_bytes == sizeof(float) && HasGaps(values) && s.AppendGaps(values)) {
+    header.flags = kOneStream | kZstdFormat;
   } else {
     header.flags = kShuffled | kZstdFormat;
     ShuffleBytes(values.data(), count, type_bytes, s.planes.data());

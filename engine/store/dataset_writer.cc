@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 #include <map>
+#include <mutex>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -92,7 +93,8 @@ Status WriteSeries(const std::string& store_path, const std::string& array, int6
 class Writer final : public DatasetWriter {
  public:
   Writer(FileSystem& files, std::string path, DatasetInfo info, WriterLock lock, Series series)
-      : path_(std::move(path)),
+      : files_(files),
+        path_(std::move(path)),
         info_(std::move(info)),
         lock_(std::move(lock)),
         arrays_(AllArrays(info_)),
@@ -124,9 +126,11 @@ class Writer final : public DatasetWriter {
   [[nodiscard]] Status PrepareCommit();
   [[nodiscard]] DatasetInfo InfoAfterStep() const;
   [[nodiscard]] Status CheckUsable() const;
+  void EndField(const std::string& field, int64_t drops, const FieldStats* stats, FileBatch* batch);
   void DropStep();
   void DropEnded();
 
+  FileSystem& files_;
   std::string path_;
   DatasetInfo info_;
   WriterLock lock_;
@@ -137,9 +141,11 @@ class Writer final : public DatasetWriter {
   DatasetInfo next_;
   Series published_series_;
   FileBatch ended_;
-  // The step in hand.
+  // The step in hand. What its fields, several at once, change when they end is under mutex_.
+  std::mutex mutex_;
   FileBatch batch_;
   std::map<std::string, FieldStats> written_;
+  int64_t drops_ = 0;                         // steps that were dropped
   std::map<std::string, double> max_errors_;  // of quantised fields
   bool broken_ = false;  // a commit failed halfway: what is on disk is not what we hold
 };
@@ -153,6 +159,7 @@ Status Writer::CheckUsable() const {
 }
 
 void Writer::DropStep() {
+  ++drops_;
   batch_.Discard();
   written_.clear();
   max_errors_.clear();
@@ -165,23 +172,32 @@ void Writer::DropEnded() {
   series_ = published_series_;
 }
 
+void Writer::EndField(const std::string& field, int64_t drops, const FieldStats* stats,
+                      FileBatch* batch) {
+  const std::lock_guard lock(mutex_);
+  if (stats == nullptr) {
+    DropStep();
+  } else if (drops == drops_) {  // another field of the step may have failed since
+    batch_.Absorb(batch);
+    written_[field] = *stats;
+  }
+}
+
 StatusOr<std::unique_ptr<FieldWriter>> Writer::BeginField(const std::string& field) {
   FOVEA_RETURN_IF_ERROR(CheckUsable());
   const auto is_field = [&](const FieldInfo& known) { return known.name == field; };
   if (std::none_of(info_.fields.begin(), info_.fields.end(), is_field)) {
     return NotFound("{} has no field '{}'", path_, field);
   }
+  const std::lock_guard lock(mutex_);
   if (written_.contains(field)) {
     return FailedPrecondition("field '{}' of this step was written already", field);
   }
-  return std::make_unique<FieldWriter>(path_, next_, field, &encoders_, &batch_,
-                                       [this, field](const FieldStats* stats) {
-                                         if (stats == nullptr) {
-                                           DropStep();
-                                         } else {
-                                           written_[field] = *stats;
-                                         }
-                                       });
+  return std::make_unique<FieldWriter>(
+      files_, path_, next_, field, &encoders_,
+      [this, field, drops = drops_](const FieldStats* stats, FileBatch* batch) {
+        EndField(field, drops, stats, batch);
+      });
 }
 
 Status Writer::WriteField(const std::string& field, const CoefficientSet& coefficients,

@@ -35,7 +35,8 @@ class DatasetWriter {
 
   [[nodiscard]] virtual const DatasetInfo& info() const = 0;
   /// Begins one field of the step in hand (behind all that were ended), to be written in layers.
-  /// Every field once before Commit, one at a time. NOT_FOUND if there is no such field.
+  /// Every field once before Commit. Several may be begun and written at once, each by a thread of
+  /// its own; the other calls have to wait for all. NOT_FOUND if there is no such field.
   [[nodiscard]] virtual StatusOr<std::unique_ptr<FieldWriter>> BeginField(
       const std::string& field) = 0;
   /// The same with coefficients that are all in memory. INVALID_ARGUMENT if the coefficients are

@@ -71,28 +71,27 @@ Status AddLayer(int level, const BrickGrid& detail, const std::vector<Bricks>& l
 
 }  // namespace
 
-FieldWriter::FieldWriter(const std::string& store_path, const DatasetInfo& info, std::string field,
-                         EncoderPool* encoders, FileBatch* batch,
-                         std::function<void(const FieldStats*)> on_end)
+FieldWriter::FieldWriter(FileSystem& files, const std::string& store_path, const DatasetInfo& info,
+                         std::string field, EncoderPool* encoders, OnEnd on_end)
     : store_path_(store_path),
       field_(std::move(field)),
       coarse_coding_(CoarseCoding(info.FieldOf(field_))),
       step_(info.committed_steps),
       coarse_dims_(info.hierarchy.DimsAt(0)),
       encoders_(encoders),
-      batch_(batch),
+      batch_(files),
       on_end_(std::move(on_end)) {
   retained_ = RetainedChunks::Make(info).value_or(retained_);  // a store's info was checked
   for (int level = 0; level < info.hierarchy.finest(); ++level) {
     levels_.push_back(std::make_unique<LevelWriter>(
         store_path_, field_, step_, LevelLayout::Make(info, info.FieldOf(field_), level), encoders_,
-        batch_));
+        &batch_));
   }
 }
 
 FieldWriter::~FieldWriter() {
   if (on_end_ != nullptr) {
-    on_end_(nullptr);
+    on_end_(nullptr, &batch_);
   }
 }
 
@@ -110,7 +109,7 @@ Status FieldWriter::EndLayer(int level, int64_t z) {
 
 Status FieldWriter::Finish(const Grid& coarse, const FieldStats& stats) {
   const Status status = FinishFiles(coarse, stats);
-  std::exchange(on_end_, nullptr)(status.ok() ? &stats : nullptr);
+  std::exchange(on_end_, nullptr)(status.ok() ? &stats : nullptr, &batch_);
   return Annotate(status, fmt::format("field '{}' of step {}", field_, step_));
 }
 
@@ -141,7 +140,7 @@ Status FieldWriter::WriteCoarse(const Grid& coarse) {
   FOVEA_ASSIGN_OR_RETURN(const std::vector<std::byte> encoded,
                          encoders_->Borrow()->EncodeValues(coarse.values, coarse_coding_));
   const std::string name = SpaceChunkName(step_, {0, 0, 0}, /*with_bands=*/false);
-  return batch_->Write(fmt::format("{}/{}/{}", store_path_, CoarsePath(field_), name), encoded);
+  return batch_.Write(fmt::format("{}/{}/{}", store_path_, CoarsePath(field_), name), encoded);
 }
 
 Status CheckCoefficients(const DatasetInfo& info, const std::string& field,

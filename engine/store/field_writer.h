@@ -21,13 +21,15 @@ namespace fovea::store {
 /// Writes one field of a step as its coefficients are made: levels by turns, each in layers of
 /// chunks (one z) from the first on. Memory is one layer a level, encoded. Made by
 /// DatasetWriter::BeginField, which must outlive it; after an error, or when it goes without
-/// Finish, the step in hand is gone.
+/// Finish, the step in hand is gone. Several, of different fields, may be at work at once.
 class FieldWriter {
  public:
-  /// `on_end` is called once: with the statistics when all is written, or with nothing.
-  FieldWriter(const std::string& store_path, const DatasetInfo& info, std::string field,
-              EncoderPool* encoders, FileBatch* batch,
-              std::function<void(const FieldStats*)> on_end);
+  /// What became of the field: its statistics, or null; and its files.
+  using OnEnd = std::function<void(const FieldStats* stats, FileBatch* files)>;
+
+  /// `on_end` is called once.
+  FieldWriter(FileSystem& files, const std::string& store_path, const DatasetInfo& info,
+              std::string field, EncoderPool* encoders, OnEnd on_end);
   ~FieldWriter();
   FieldWriter(const FieldWriter&) = delete;
   FieldWriter& operator=(const FieldWriter&) = delete;
@@ -38,8 +40,8 @@ class FieldWriter {
   }
   /// Encodes the chunk at `at` of detail level `level`: [7][z][y][x] values as coding() says, as in
   /// memory, zeros past the border; `largest` is their largest magnitude, above 0 (chunks of zeros
-  /// are left out, and so are those that the store does not retain). From any number of threads, for chunks of one layer. INVALID_ARGUMENT if
-  /// `largest` is not finite.
+  /// are left out, and so are those that the store does not retain). From any number of threads,
+  /// for chunks of one layer. INVALID_ARGUMENT if `largest` is not finite.
   [[nodiscard]] Status Add(int level, const Int3& at, std::span<const std::byte> values,
                            float largest);
   /// All chunks of `level` at this z were added; ascending. Layers without any may be left out.
@@ -57,8 +59,8 @@ class FieldWriter {
   Int3 coarse_dims_;
   RetainedChunks retained_;
   EncoderPool* encoders_;
-  FileBatch* batch_;
-  std::function<void(const FieldStats*)> on_end_;
+  FileBatch batch_;
+  OnEnd on_end_;
   std::vector<std::unique_ptr<LevelWriter>> levels_;
 };
 

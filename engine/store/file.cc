@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <ctime>
+#include <iterator>
 #include <set>
 #include <system_error>
 
@@ -209,7 +210,8 @@ Status FileBatch::Write(const std::string& path, std::span<const std::byte> byte
 }
 
 void FileBatch::Absorb(FileBatch* other) {
-  paths_.insert(paths_.end(), other->paths_.begin(), other->paths_.end());
+  paths_.insert(paths_.end(), std::make_move_iterator(other->paths_.begin()),
+                std::make_move_iterator(other->paths_.end()));
   other->paths_.clear();
 }
 

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <vector>
 
 namespace fovea {
 namespace {
@@ -90,12 +92,13 @@ namespace {
 
 constexpr int kBins = 256;
 
-/// Calls `visit` with runs of neighbouring values until it has had every stored voxel inside the
-/// grid. Returns how many are not stored.
+/// Calls `visit` with values until it has had every stored voxel inside the grid. Returns how many
+/// are not stored.
 template <typename Visit>
 int64_t ForEachRun(const BrickGrid& voxels, const Visit& visit) {
   const int64_t edge = voxels.edge();
   int64_t stored = 0;
+  std::vector<float> inside;  // of a brick at the border
   for (const auto& [key, brick] : voxels.bricks()) {
     const Int3 at{key[2], key[1], key[0]};
     const Box3 whole{{at.x * edge, at.y * edge, at.z * edge},
@@ -103,15 +106,18 @@ int64_t ForEachRun(const BrickGrid& voxels, const Visit& visit) {
     const Box3 part = Intersect(Box3::OfSize(voxels.dims()), whole);
     stored += part.Volume();
     if (part == whole) {
-      visit(std::span(brick));
+      visit(std::span<const float>(brick));
       continue;
     }
-    const auto width = static_cast<size_t>(part.hi.x - part.lo.x);
+    inside.resize(static_cast<size_t>(part.Volume()));
+    float* to = inside.data();
     for (int64_t z = part.lo.z; z < part.hi.z; ++z) {
       for (int64_t y = part.lo.y; y < part.hi.y; ++y) {
-        visit(std::span(brick.data() + OffsetIn(edge, at, part.lo.x, y, z), width));
+        const float* const row = brick.data() + OffsetIn(edge, at, part.lo.x, y, z);
+        to = std::copy(row, row + (part.hi.x - part.lo.x), to);
       }
     }
+    visit(std::span<const float>(inside));
   }
   return voxels.dims().Product() - stored;
 }
@@ -148,6 +154,16 @@ class Range {
   std::array<float, kLanes> least_, most_;
 };
 
+/// Whether all values are the same bits.
+bool IsOneValue(std::span<const float> values) {
+  const auto first = std::bit_cast<uint32_t>(values[0]);
+  uint32_t difference = 0;
+  for (const float value : values) {
+    difference |= std::bit_cast<uint32_t>(value) ^ first;
+  }
+  return difference == 0;
+}
+
 /// Counts values in bins. Neighbours are often of one bin: they are counted in tables of their own,
 /// so that no count waits for the one before.
 class BinCounter {
@@ -157,6 +173,10 @@ class BinCounter {
     std::array<int32_t, kStrip> bins;
     for (size_t i = 0; i < values.size(); i += kStrip) {
       const std::span<const float> strip = values.subspan(i, std::min(kStrip, values.size() - i));
+      if (IsOneValue(strip)) {  // as in most of what surrounds things
+        tables_[0][static_cast<size_t>(BinOf(strip[0]))] += strip.size();
+        continue;
+      }
       for (size_t k = 0; k < strip.size(); ++k) {
         bins[k] = BinOf(strip[k]);
       }
@@ -178,7 +198,7 @@ class BinCounter {
   }
 
  private:
-  static constexpr size_t kStrip = 64;
+  static constexpr size_t kStrip = 32;
   static constexpr size_t kTables = 4;
   double minimum_, scale_;
   std::array<std::array<uint64_t, kBins>, kTables> tables_{};

@@ -281,10 +281,11 @@ struct IntegerHaarScheme {
 
 /// Asks for the rows of children that are needed `kAhead` rows of coefficients from now.
 template <typename Value>
-HWY_INLINE void FetchAhead(const StripInput<Value>& in, int64_t row) {
+HWY_INLINE void FetchAhead(const StripInput<Value>& in, int64_t row, int64_t height,
+                           int64_t depth) {
   constexpr int64_t kAhead = 4;
-  const int64_t then = std::min(row + kAhead, in.edge * in.edge - 1);
-  const int64_t z = then / in.edge, y = then % in.edge;
+  const int64_t then = std::min(row + kAhead, depth * height - 1);
+  const int64_t z = then / height, y = then % height;
   for (int child = 0; child < 4; ++child) {
     const Value* const from = in.slices[2 * z + child / 2] + in.rows[2 * y + child % 2];
     for (int64_t i = 0; i < in.last - in.first; i += 64 / int64_t{sizeof(Value)}) {
@@ -298,13 +299,15 @@ void TransformHaarStrip(const StripInput<Value>& in, Value* low, Value* detail, 
   const int64_t edge = in.edge;
   const int64_t cube = edge * edge * edge;
   Largest<Value> most_of[MostBricks<Value>(Wavelet::kHaar)];
-  for (int64_t row = 0; row < edge * edge; ++row) {
-    const int64_t z = row / edge, y = row % edge;
+  const int64_t height = std::min(edge, in.wanted_y), depth = std::min(edge, in.wanted_z);
+  for (int64_t wanted = 0; wanted < depth * height; ++wanted) {
+    const int64_t z = wanted / height, y = wanted % height;
+    const int64_t row = z * edge + y;
     const Value* rows[4];
     for (int child = 0; child < 4; ++child) {
       rows[child] = in.slices[2 * z + child / 2] + in.rows[2 * y + child % 2];
     }
-    FetchAhead(in, row);
+    FetchAhead(in, wanted, height, depth);
     for (int64_t brick = 0; brick < in.bricks; ++brick) {
       Value* const to_low = low + brick * cube + row * edge;
       Value* const to_detail = detail + 7 * brick * cube + row * edge;

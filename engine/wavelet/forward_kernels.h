@@ -49,6 +49,9 @@ struct StripInput {
   std::span<const CopiedChild> copied;
   int64_t edge = 0;
   int64_t bricks = 1;
+  /// How many rows of coefficients along y, and slices along z, are wanted of a brick. Haar makes
+  /// no others: their children need not be there, and what it fills is left as it was.
+  int64_t wanted_y = INT64_MAX, wanted_z = INT64_MAX;
   /// Which axes (x, y, z) have more than one sample; the others are not lifted.
   std::array<bool, 3> lift{true, true, true};
   /// Which axes of an integer basis round up.

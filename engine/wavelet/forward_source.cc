@@ -40,11 +40,19 @@ int64_t Continued(Wavelet wavelet, int64_t at, int64_t n, int64_t first) {
 /// Finds the samples of a strip; those inside the level along x are [input.first, input.last).
 template <typename Value>
 void PlaceStrip(const LevelShape& shape, const Strip& strip, StripMemory<Value>* memory) {
+  const auto wanted = [&](int axis) {
+    const int64_t inside = (shape.dims[axis] + 1) / 2 - strip.at[axis] * shape.edge;
+    return shape.wavelet == Wavelet::kHaar ? std::min(inside, shape.edge) : shape.edge;
+  };
+  memory->input.wanted_y = wanted(1);
+  memory->input.wanted_z = wanted(2);
   for (int axis = 0; axis < 3; ++axis) {
     const int64_t first = FirstChild(shape, strip.at[axis]);
     const int64_t n = shape.dims[axis];
     std::vector<int64_t>& samples = memory->samples[static_cast<size_t>(axis)];
-    samples.resize(static_cast<size_t>(ChildrenOf(shape, axis == 0 ? strip.bricks : 1)));
+    const int64_t unwanted = axis == 0 ? 0 : shape.edge - wanted(axis);
+    samples.resize(
+        static_cast<size_t>(ChildrenOf(shape, axis == 0 ? strip.bricks : 1) - 2 * unwanted));
     for (int64_t i = 0; i < std::ssize(samples); ++i) {
       samples[static_cast<size_t>(i)] = Continued(shape.wavelet, first + i, n, first);
     }
@@ -62,6 +70,7 @@ void PlaceStrip(const LevelShape& shape, const Strip& strip, StripMemory<Value>*
     }
   }
   memory->input.copied = memory->copied;
+  memory->copies_last = shape.wavelet == Wavelet::kHaar && !memory->copied.empty();
 }
 
 /// Copies `count` values; false if one is not a whole number that a voxel of type Value may be.
@@ -70,7 +79,12 @@ template <bool kMeans, typename Value, typename From>
 bool Convert(const From* from, int64_t count, float bias, Value* to) {
   if constexpr (std::is_same_v<Value, From> && (kMeans || std::is_same_v<Value, float>)) {
     if (bias == 0) {
-      std::memcpy(to, from, static_cast<size_t>(count) * sizeof(Value));
+      constexpr int64_t kUsual = 16;  // a row of a brick
+      if (count == kUsual) {
+        std::memcpy(to, from, kUsual * sizeof(Value));  // no call: the size is known
+      } else {
+        std::memcpy(to, from, static_cast<size_t>(count) * sizeof(Value));
+      }
       return true;
     }
   }
@@ -98,13 +112,30 @@ bool Convert(const From* from, int64_t count, float bias, Value* to) {
   }
 }
 
+/// Fills in the children of a row that are copies of others.
+template <typename Value>
+void CopyChildren(const StripMemory<Value>& memory, Value* row) {
+  const int64_t width = std::ssize(memory.samples[0]);
+  if (memory.copies_last) {
+    std::fill(row + width - std::ssize(memory.copied), row + width,
+              row[memory.copied.front().from]);
+    return;
+  }
+  for (const CopiedChild& child : memory.copied) {
+    row[child.to] = row[child.from];
+  }
+}
+
 /// Lets the rows be those of the strip's own memory, and whole.
 template <typename Value>
 void UseOwnChildren(StripMemory<Value>* memory) {
   const int64_t width = std::ssize(memory->samples[0]);
   const int64_t height = std::ssize(memory->samples[1]);
-  for (int64_t i = 0; i < height; ++i) {
+  const int64_t depth = std::ssize(memory->samples[2]);
+  for (int64_t i = 0; i < depth; ++i) {
     memory->slices[static_cast<size_t>(i)] = memory->children.get() + i * height * width;
+  }
+  for (int64_t i = 0; i < height; ++i) {
     memory->rows[static_cast<size_t>(i)] = i * width;
   }
   memory->input.first = 0;
@@ -168,8 +199,10 @@ bool DenseSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* mem
   if constexpr (std::is_same_v<Value, float> && std::is_same_v<From, float>) {
     const bool copies = !memory->copied.empty();
     if (shape_.bias == 0 && end % 2 == 0 && !(copies && shape_.wavelet == Wavelet::kHaar)) {
-      for (size_t i = 0; i < ys.size(); ++i) {
+      for (size_t i = 0; i < zs.size(); ++i) {
         memory->slices[i] = Slice(zs[i]) + first;
+      }
+      for (size_t i = 0; i < ys.size(); ++i) {
         memory->rows[i] = ys[i] * shape_.dims.x;
       }
       const bool is_last = first + end - inside >= shape_.dims.x;
@@ -186,9 +219,7 @@ bool DenseSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* mem
     for (const int64_t y : ys) {
       good &= Convert</*kMeans=*/false>(slice + y * shape_.dims.x + first, end - inside,
                                         shape_.bias, row + inside);
-      for (const CopiedChild& child : memory->copied) {
-        row[child.to] = row[child.from];
-      }
+      CopyChildren(*memory, row);
       row += xs.size();
     }
   }
@@ -290,9 +321,7 @@ bool BrickSource<Value, From>::Fetch(const Strip& strip, StripMemory<Value>* mem
             shape_.bias, row + i);
         i += count;
       }
-      for (const CopiedChild& child : memory->copied) {
-        row[child.to] = row[child.from];
-      }
+      CopyChildren(*memory, row);
       row += xs.size();
     }
   }

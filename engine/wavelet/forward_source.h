@@ -44,7 +44,9 @@ struct StripMemory {
   std::vector<const Value*> slices;
   std::vector<int64_t> rows;
   std::vector<CopiedChild> copied;
-  std::array<std::vector<int64_t>, 3> samples;  // of each axis: where its children are in the level
+  bool copies_last = false;  // they are the last ones of a row, and copies of the one before
+  /// Of each axis: where its children are in the level; those that are wanted.
+  std::array<std::vector<int64_t>, 3> samples;
   std::shared_ptr<Value> children, work, detail;
 };
 

@@ -55,16 +55,19 @@ class StripPool {
   std::vector<std::unique_ptr<StripMemory<Value>>> free_;
 };
 
-/// Zeroes the coefficients of a brick past its first `counts` along each axis.
+/// Fills the values of a brick past its first `counts` along each axis.
 template <typename Value>
-void ClearPast(const Int3& counts, int64_t edge, Value* band) {
-  for (int64_t z = 0; z < edge; ++z) {
-    for (int64_t y = 0; y < edge; ++y) {
-      const int64_t kept =
-          z < counts.z && y < counts.y ? std::clamp<int64_t>(counts.x, 0, edge) : 0;
-      std::fill(band + (z * edge + y) * edge + kept, band + (z * edge + y + 1) * edge, Value{0});
+void FillPast(const Int3& counts, int64_t edge, Value fill, Value* cells) {
+  const Int3 kept{std::clamp<int64_t>(counts.x, 0, edge), std::clamp<int64_t>(counts.y, 0, edge),
+                  std::clamp<int64_t>(counts.z, 0, edge)};
+  for (int64_t z = 0; z < kept.z; ++z) {
+    Value* const slice = cells + z * edge * edge;
+    for (int64_t y = 0; kept.x < edge && y < kept.y; ++y) {
+      std::fill(slice + y * edge + kept.x, slice + (y + 1) * edge, fill);
     }
+    std::fill(slice + kept.y * edge, slice + edge * edge, fill);
   }
+  std::fill(cells + kept.z * edge * edge, cells + edge * edge * edge, fill);
 }
 
 /// The largest |value|; not finite if one is not. Magnitudes are in the order of their bits, NaN
@@ -86,6 +89,11 @@ float LargestOf(std::span<const Value> values) {
     most = std::max(most, value);
   }
   return std::max(-static_cast<float>(least), static_cast<float>(most));
+}
+
+/// The larger of two that LargestOf gave: NaN if one is.
+float Larger(float a, float b) {
+  return std::bit_cast<int32_t>(a) > std::bit_cast<int32_t>(b) ? a : b;
 }
 
 template <typename Value>
@@ -352,6 +360,10 @@ Status Stream<Value>::MakeStrip(int level, const Strip& strip, StripMemory<Value
     const Int3 at{strip.at.x + i, strip.at.y, strip.at.z};
     Value* const detail = memory->detail.get() + 7 * i * CubeOf();
     float most = largest[static_cast<size_t>(i)];
+    if (memory->input.wanted_y < options_.edge || memory->input.wanted_z < options_.edge) {
+      FillPast({options_.edge, memory->input.wanted_y, memory->input.wanted_z}, options_.edge,
+               static_cast<Value>(options_.background - bias_), means + i * CubeOf());
+    }
     if ((at.x + 1) * reach > dims.x || (at.y + 1) * reach > dims.y || (at.z + 1) * reach > dims.z) {
       most = ClearPastBorder(level, at, detail);
     }
@@ -367,15 +379,26 @@ Status Stream<Value>::MakeStrip(int level, const Strip& strip, StripMemory<Value
 template <typename Value>
 float Stream<Value>::ClearPastBorder(int level, const Int3& at, Value* detail) const {
   const Int3 dims = options_.hierarchy.DimsAt(level + 1);
+  const int64_t edge = options_.edge;
+  const Int3 own = options_.hierarchy.DimsAt(level);
+  const int64_t height = std::min(edge, own.y - at.y * edge);
+  const int64_t depth = std::min(edge, own.z - at.z * edge);
+  float largest = 0;
   for (int band = 1; band < 8; ++band) {
     Int3 counts;
     for (int axis = 0; axis < 3; ++axis) {
       const int64_t all = (dims[axis] + 1 - ((band >> axis) & 1)) / 2;
-      counts[axis] = all - at[axis] * options_.edge;
+      counts[axis] = all - at[axis] * edge;
     }
-    ClearPast(counts, options_.edge, detail + (band - 1) * CubeOf());
+    Value* const cells = detail + (band - 1) * CubeOf();
+    FillPast(counts, edge, Value{0}, cells);
+    for (int64_t z = 0; z < depth; ++z) {
+      const std::span<const Value> rows(cells + z * edge * edge,
+                                        static_cast<size_t>(height * edge));
+      largest = Larger(largest, LargestOf(rows));
+    }
   }
-  return LargestOf(std::span<const Value>(detail, static_cast<size_t>(7 * CubeOf())));
+  return largest;
 }
 
 template <typename Value>

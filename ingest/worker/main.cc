@@ -15,6 +15,7 @@
 #include <dlfcn.h>
 #include <link.h>
 
+#include "engine/base/buffers.h"
 #include "ingest/channel.h"
 #include "ingest/protocol.h"
 #include "ingest/slab_ring.h"
@@ -162,6 +163,7 @@ int Main(int argc, char** argv) {
     std::fprintf(stderr, "fovea-worker reads files for fovea, which starts it by itself\n");
     return 2;
   }
+  KeepFreedMemory();
   Channel channel(STDIN_FILENO);
   auto slabs = SlabRing::Adopt();
   Status status = slabs.status();

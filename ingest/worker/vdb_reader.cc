@@ -200,6 +200,7 @@ Status SendGrids(const ReadRequest& request, Channel* channel) {
       FOVEA_ASSIGN_OR_RETURN(grid, OnLattice(grid, *request.lattice));
     }
     FOVEA_RETURN_IF_ERROR(SendGrid(*grid, static_cast<uint32_t>(i), request.extent, channel));
+    FreeVoxels(grid.get());
   }
   return absl::OkStatus();
 }

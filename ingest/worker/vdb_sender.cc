@@ -3,10 +3,12 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <span>
 #include <type_traits>
 #include <vector>
 
+#include "engine/base/parallel.h"
 #include "ingest/protocol.h"
 #include "ingest/worker/to_float.h"
 
@@ -106,34 +108,58 @@ class TreeWalk {
   }
 };
 
-/// The values of a leaf inside a box, x fastest; all the same: one value.
+/// The values of leaves, as floats.
 template <typename LeafT>
 class LeafValues {
  public:
-  std::span<const float> Read(const LeafT& leaf, const CoordBBox& box, uint64_t* rounded) {
-    size_t count = 0;
-    Coord at;
-    for (at.z() = box.min().z(); at.z() <= box.max().z(); ++at.z()) {
-      for (at.y() = box.min().y(); at.y() <= box.max().y(); ++at.y()) {
-        for (at.x() = box.min().x(); at.x() <= box.max().x(); ++at.x()) {
-          values_[count++] = ToFloat(leaf.getValue(LeafT::coordToOffset(at)), rounded);
+  explicit LeafValues(const LeafT& leaf) : leaf_(leaf) {
+    if constexpr (kIsFloat) {
+      values_ = leaf.buffer().data();
+    }
+  }
+
+  /// Calls `visit(value)`, which returns whether to go on, for the values inside a box, x fastest.
+  template <typename Visit>
+  void ForEach(const CoordBBox& box, uint64_t* rounded, const Visit& visit) const {
+    const Coord first = box.min() - leaf_.origin();
+    const Coord last = box.max() - leaf_.origin();
+    for (int z = first.z(); z <= last.z(); ++z) {
+      for (int y = first.y(); y <= last.y(); ++y) {
+        for (int x = first.x(); x <= last.x(); ++x) {
+          if (!visit(At((((x << LeafT::LOG2DIM) + y) << LeafT::LOG2DIM) + z, rounded))) {
+            return;
+          }
         }
       }
     }
-    return {values_.data(), count};
   }
 
-  static bool IsConstant(std::span<const float> values) {
-    for (const float value : values) {
-      if (!(value == values.front())) {  // NaN counts as different
-        return false;
-      }
-    }
-    return true;
+  /// The value of all voxels inside a box, if they have one. NaN counts as different.
+  [[nodiscard]] std::optional<float> Constant(const CoordBBox& box) const {
+    uint64_t ignored = 0;
+    std::optional<float> constant;
+    bool is_constant = true;
+    ForEach(box, &ignored, [&](float value) {
+      constant = constant ? constant : value;
+      is_constant = value == *constant;
+      return is_constant;
+    });
+    return is_constant ? constant : std::nullopt;
   }
 
  private:
-  std::array<float, LeafT::NUM_VALUES> values_;
+  static constexpr bool kIsFloat = std::is_same_v<typename LeafT::BuildType, float>;
+
+  [[nodiscard]] float At(int offset, uint64_t* rounded) const {
+    if constexpr (kIsFloat) {
+      return values_[offset];
+    } else {
+      return ToFloat(leaf_.getValue(static_cast<openvdb::Index>(offset)), rounded);
+    }
+  }
+
+  const LeafT& leaf_;
+  const float* values_ = nullptr;  // of float leaves
 };
 
 /// How much of the extent each value fills in whole tiles and leaves.
@@ -149,10 +175,8 @@ class FillVote {
     return absl::OkStatus();
   }
   Status Leaf(const LeafT& leaf, const CoordBBox& box) {
-    uint64_t rounded = 0;
-    const auto values = values_.Read(leaf, box, &rounded);
-    if (LeafValues<LeafT>::IsConstant(values)) {
-      Count(values.front(), box);
+    if (const auto value = LeafValues<LeafT>(leaf).Constant(box)) {
+      Count(*value, box);
     }
     return absl::OkStatus();
   }
@@ -179,7 +203,6 @@ class FillVote {
 
   float background_;
   std::map<float, double> volumes_;
-  LeafValues<LeafT> values_;
 };
 
 /// Sends all that differs from the fill.
@@ -196,11 +219,16 @@ class Sender {
     return SendConstant(box, converted);
   }
   Status Leaf(const LeafT& leaf, const CoordBBox& box) {
-    const auto values = values_.Read(leaf, box, &rounded_);
-    if (LeafValues<LeafT>::IsConstant(values)) {
-      return SendConstant(box, values.front());
+    const LeafValues<LeafT> values(leaf);
+    float* next = buffer_.data();
+    values.ForEach(box, &rounded_, [&](float value) {
+      *next++ = value;
+      return true;
+    });
+    if (const auto constant = values.Constant(box)) {
+      return SendConstant(box, *constant);
     }
-    return channel_->Send(EncodeBlock(ToBox(box), values), Channel::kNoDeadline);
+    return channel_->Send(EncodeBlock(ToBox(box), {buffer_.data(), next}), Channel::kNoDeadline);
   }
   [[nodiscard]] uint64_t rounded() const { return rounded_; }
 
@@ -215,7 +243,7 @@ class Sender {
   float fill_;
   Channel* channel_;
   uint64_t rounded_ = 0;
-  LeafValues<LeafT> values_;
+  std::array<float, LeafT::NUM_VALUES> buffer_;
 };
 
 template <typename GridT>
@@ -253,11 +281,30 @@ bool IsScalar(const openvdb::GridBase& grid) {
          grid.isType<openvdb::BoolGrid>() || grid.isType<openvdb::MaskGrid>();
 }
 
+namespace {
+
+using ScalarGrids = openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid,
+                                      openvdb::Int64Grid, openvdb::BoolGrid, openvdb::MaskGrid>;
+
+}  // namespace
+
+void FreeVoxels(openvdb::GridBase* grid) {
+  grid->apply<ScalarGrids>([](auto& typed) {
+    constexpr int64_t kAtOnce = 1024;
+    std::vector<typename std::decay_t<decltype(typed)>::TreeType::LeafNodeType*> leaves;
+    typed.tree().stealNodes(leaves);
+    ParallelFor(0, std::ssize(leaves), kAtOnce, 0, [&](int64_t first, int64_t last) {
+      for (int64_t i = first; i < last; ++i) {
+        delete leaves[static_cast<size_t>(i)];
+      }
+    });
+  });
+}
+
 Status SendGrid(const openvdb::GridBase& grid, uint32_t index, const Box3& extent,
                 Channel* channel) {
   Status status = InvalidArgument("type {} is not a scalar", grid.valueType());
-  grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid,
-                               openvdb::Int64Grid, openvdb::BoolGrid, openvdb::MaskGrid>>(
+  grid.apply<ScalarGrids>(
       [&](const auto& typed) { status = SendAs(typed, index, extent, channel); });
   return status;
 }

@@ -23,6 +23,10 @@ namespace fovea::ingest {
 [[nodiscard]] Status SendGrid(const openvdb::GridBase& grid, uint32_t index, const Box3& extent,
                               Channel* channel);
 
+/// Empties a scalar grid that is done with. When it goes with its voxels, OpenVDB frees them with
+/// all threads, and for few of them to wake these takes longer.
+void FreeVoxels(openvdb::GridBase* grid);
+
 }  // namespace fovea::ingest
 
 #endif  // INGEST_WORKER_VDB_SENDER_H_

@@ -65,6 +65,18 @@ TEST(Shuffle, PutsLikeBytesAndBitsSideBySide) {
   }
 }
 
+/// Noise in which runs of values are 0, so many of 16.
+Bytes WithGaps(size_t count, int type_bytes, size_t zeros) {
+  const auto width = static_cast<size_t>(type_bytes);
+  Bytes bytes = Noise(count * width);
+  for (size_t i = 0; i < count; ++i) {
+    if (i % 16 < zeros) {
+      std::fill_n(bytes.begin() + static_cast<int64_t>(i * width), width, std::byte{0});
+    }
+  }
+  return bytes;
+}
+
 struct Case {
   Bytes values;
   int width;
@@ -80,6 +92,8 @@ std::vector<Case> Cases() {
         cases.push_back({Coefficients(count, width, 3), width, filter});
         cases.push_back({Noise(count * w), width, filter});
         cases.push_back({Bytes(count * w), width, filter});
+        cases.push_back({WithGaps(count, width, 5), width, filter});
+        cases.push_back({WithGaps(count, width, 13), width, filter});
       }
     }
   }
@@ -96,6 +110,30 @@ TEST(Blosc, GivesBackWhatItWasGiven) {
     ASSERT_OK(decoder.Decode(chunk, width, back));
     EXPECT_EQ(back, values) << width;
   }
+}
+
+TEST(Blosc, FloatsWithGapsLieAsTheyAreAndTakeNoMoreThanTheirPlanes) {
+  constexpr size_t kFlags = 2;  // where in a chunk they are
+  constexpr std::byte kShuffled{BLOSC_DOSHUFFLE};
+  BloscEncoder encoder;
+  for (const size_t zeros : {2UL, 8UL, 13UL, 15UL}) {
+    const Bytes values = WithGaps(28672, 4, zeros);
+    ASSERT_OK_AND_ASSIGN(const auto chunk, encoder.Encode(values, 4, Filter::kShuffle));
+    EXPECT_EQ((chunk[kFlags] & kShuffled) == std::byte{0}, zeros >= 8) << zeros;
+    if (zeros >= 8) {
+      EXPECT_LT(chunk.size(), values.size() * (16 - zeros) / 16 + 4000) << zeros;
+    }
+  }
+  // As many zeros, but no gaps that are worth a match: planes get smaller than that.
+  Bytes scattered = Noise(4 * 28672);
+  std::mt19937 random(9);
+  for (size_t i = 0; i < scattered.size(); i += 4) {
+    if (random() % 100 < 35) {
+      std::fill_n(scattered.begin() + static_cast<int64_t>(i), 4, std::byte{0});
+    }
+  }
+  ASSERT_OK_AND_ASSIGN(const auto chunk, encoder.Encode(scattered, 4, Filter::kShuffle));
+  EXPECT_NE(chunk[kFlags] & kShuffled, std::byte{0});
 }
 
 /// The library that all others take for Blosc.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -137,6 +138,58 @@ TEST(FieldWriter, AFieldThatIsNotFinishedTakesTheStepWithIt) {
   EXPECT_TRUE(disk.Files() == empty);
   EXPECT_THAT(writer->Commit(0, {}),
               FailsWith(absl::StatusCode::kFailedPrecondition, "'a' of step 0 has not been"));
+}
+
+TEST(FieldWriter, FieldsWrittenAtOnceAreWhatIsWrittenOneByOne) {
+  const std::vector<std::string> names{"a", "b", "c", "d"};
+  const DatasetInfo info = MakeInfo(kDims, kEdge, names);
+  std::vector<StepData> data;
+  for (size_t i = 0; i < names.size(); ++i) {
+    data.push_back(MakeStep(kDims, kEdge, 3 + static_cast<int>(i)));
+  }
+  SimulatedDisk in_turn, at_once;
+  ASSERT_OK_AND_ASSIGN(const auto one, DatasetWriter::Create("s", info, in_turn));
+  ASSERT_OK_AND_ASSIGN(const auto other, DatasetWriter::Create("s", info, at_once));
+  for (int64_t step = 0; step < 3; ++step) {
+    std::vector<std::thread> threads;
+    std::vector<Status> results(names.size());
+    for (size_t i = 0; i < names.size(); ++i) {
+      ASSERT_OK(one->WriteField(names[i], data[i].coefficients, data[i].stats));
+      threads.emplace_back([&, i] {
+        const auto field = other->BeginField(names[i]);
+        results[i] = field.ok() ? Feed(data[i], field->get()) : field.status();
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    for (const Status& result : results) {
+      ASSERT_OK(result);
+    }
+    ASSERT_OK(one->Commit(step, {}));
+    ASSERT_OK(other->Commit(step, {}));
+  }
+  EXPECT_TRUE(in_turn.Files() == at_once.Files());
+}
+
+TEST(FieldWriter, OneThatFailsTakesThoseThatEndAfterItToo) {
+  const DatasetInfo info = MakeInfo(kDims, kEdge, {"a", "b"});
+  const StepData data = MakeStep(kDims, kEdge, 3);
+  SimulatedDisk disk;
+  ASSERT_OK_AND_ASSIGN(const auto writer, DatasetWriter::Create("s", info, disk));
+  const auto empty = disk.Files();
+  {
+    ASSERT_OK_AND_ASSIGN(const auto slow, writer->BeginField("a"));
+    ASSERT_OK_AND_ASSIGN(auto failing, writer->BeginField("b"));
+    failing.reset();
+    ASSERT_OK(Feed(data, slow.get()));
+  }
+  EXPECT_TRUE(disk.Files() == empty);
+  EXPECT_THAT(writer->Commit(0, {}),
+              FailsWith(absl::StatusCode::kFailedPrecondition, "'a' of step 0 has not been"));
+  ASSERT_OK(writer->WriteField("a", data.coefficients, data.stats));
+  ASSERT_OK(writer->WriteField("b", data.coefficients, data.stats));
+  EXPECT_OK(writer->Commit(0, {}));
 }
 
 TEST(FieldWriter, RefusesWhatDoesNotFit) {

@@ -83,6 +83,13 @@ TEST(ComputeStats, BackgroundCountsWhereThereIsSomeOnly) {
   EXPECT_LE(ComputeStats(RandomBricks({40, 33, 21}, 8, 1000.0F, /*everywhere=*/true)).maximum, 40);
 }
 
+TEST(ComputeStats, RunsOfOneValueAreCountedWhereTheyBelong) {
+  BrickGrid voxels = RandomBricks({40, 33, 32}, 16, 0.0F, /*everywhere=*/true);
+  voxels.CopyIn({{0, 0, 0}, {16, 16, 16}}, std::vector<float>(4096, 17.0F));
+  voxels.CopyIn({{16, 3, 3}, {32, 5, 9}}, std::vector<float>(16 * 2 * 6, 39.0F));
+  ExpectAsByDefinition(voxels);
+}
+
 TEST(ComputeStats, OneValueIsInTheFirstBin) {
   const FieldStats stats = ComputeStats(BrickGrid({9, 9, 9}, 8, 1, 7.0F));
   EXPECT_EQ(stats.minimum, 7);
