@@ -6,9 +6,11 @@
 #include <optional>
 #include <set>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 #include "engine/base/buffers.h"
+#include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 #include "engine/store/dataset_writer.h"
 #include "engine/store/file.h"
@@ -256,7 +258,9 @@ Status Run::GoOnWithStore(bool from_voxels) {
   if (options_.tolerance) {
     codings_ = there.fields;  // whose scales its first step chose
   }
-  std::string difference = store::DifferenceInMaking(there, NewInfo());
+  store::DatasetInfo wanted = NewInfo();
+  wanted.format_version = there.format_version;  // an older one is gone on with as it is
+  std::string difference = store::DifferenceInMaking(there, wanted);
   if (difference == "extent" && !from_voxels && given_.scanned.empty() && !options_.raw) {
     // It may have been begun again then with the boxes found from the voxels.
     writer.reset();
@@ -264,7 +268,7 @@ Status Run::GoOnWithStore(bool from_voxels) {
     return TakeUp(/*from_voxels=*/true);
   }
   if (!difference.empty()) {
-    return IsThere(options_, MakingDifference(difference, there, NewInfo()));
+    return IsThere(options_, MakingDifference(difference, there, wanted));
   }
   report_.steps_before = std::min(there.committed_steps, std::ssize(plan_.steps));
   plan_.steps.erase(plan_.steps.begin(), plan_.steps.begin() + report_.steps_before);
@@ -476,6 +480,7 @@ StatusOr<IngestReport> IngestGiven(const IngestOptions& options, const Given& gi
                                    const ProgressCallback& progress) {
   FOVEA_RETURN_IF_ERROR(CheckIngestOptions(options));
   KeepFreedMemory();
+  const std::jthread scheduler = StartScheduler();  // while the files are looked through
   Run run(options, given, progress);
   const Status status = run.Execute(/*from_voxels=*/false);
   if (status.ok()) {

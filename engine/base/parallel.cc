@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <thread>
 #include <vector>
 
 #ifndef FOVEA_PARALLEL_STD
@@ -77,5 +76,9 @@ void ParallelFor(int64_t begin, int64_t end, int64_t grain, int threads,
 }
 
 #endif
+
+std::jthread StartScheduler() {
+  return std::jthread([] { ParallelFor(0, HardwareThreads(), 1, 0, [](int64_t, int64_t) {}); });
+}
 
 }  // namespace fovea

@@ -25,10 +25,6 @@ constexpr size_t kHeaderBytes = kBloscHeaderBytes;
 /// Where the only block begins: behind the header and its one offset.
 constexpr size_t kBlockOffset = kHeaderBytes + sizeof(uint32_t);
 
-/// The block of bit planes is compressed in so many pieces with Huffman tables of their own: planes
-/// of noise, and planes of almost nothing, share none (docs/decisions/0015).
-constexpr size_t kPieces = 4;
-
 /// Floats of which at least so many are 0 are compressed as they lie: a gap is then one match, not
 /// one in each plane of bytes (docs/decisions/0015).
 constexpr double kLeastGaps = 0.3;
@@ -57,15 +53,13 @@ void Put(const T& value, std::vector<std::byte>* out, size_t at) {
 
 struct BloscEncoder::State {
   ZSTD_CCtx* bytes = ZSTD_createCCtx();  // for planes of bytes
-  ZSTD_CCtx* bits = ZSTD_createCCtx();   // for planes of bits
   ZSTD_CCtx* gaps = ZSTD_createCCtx();   // for floats that are mostly 0
-  std::vector<std::byte> scratch, planes, chunk;
+  std::vector<std::byte> planes, chunk;
   size_t size = 0;  // of `chunk` so far
 
   State();
   ~State() {
     ZSTD_freeCCtx(bytes);
-    ZSTD_freeCCtx(bits);
     ZSTD_freeCCtx(gaps);
   }
   /// Appends one stream, of the bytes as they are if they do not get smaller.
@@ -73,18 +67,15 @@ struct BloscEncoder::State {
   /// Appends floats as they are as one stream; false, and nothing is appended, if that takes more
   /// than their planes would without the gaps.
   [[nodiscard]] bool AppendGaps(std::span<const std::byte> values);
-  /// Appends all planes of bits as one stream; false if they do not get smaller.
-  [[nodiscard]] bool AppendBits(std::span<const std::byte> all);
 };
 
-// Parameters by measurement (docs/decisions/0015). Bytes: only long matches are worth a sequence,
-// and a table that stays in the first cache finds them. Gaps: they are long, so that few places are
-// looked at; the Huffman coder, which zstd leaves out then unless it is told, is worth its time.
-// Bits: matches of a plane with the next one.
+// Parameters by measurement (docs/decisions/0015 and 0029). Bytes: only long matches are worth a
+// sequence; how large a table finds enough of them depends on the values. Gaps: they are long, so
+// that few places are looked at; the Huffman coder, which zstd leaves out then unless it is told,
+// is worth its time.
 BloscEncoder::State::State() {
   ZSTD_CCtx_setParameter(bytes, ZSTD_c_compressionLevel, 1);
   ZSTD_CCtx_setParameter(bytes, ZSTD_c_minMatch, 7);
-  ZSTD_CCtx_setParameter(bytes, ZSTD_c_hashLog, 10);
   ZSTD_CCtx_setParameter(bytes, ZSTD_c_checksumFlag, 1);
   ZSTD_CCtx_setParameter(gaps, ZSTD_c_compressionLevel, 1);
   ZSTD_CCtx_setParameter(gaps, ZSTD_c_minMatch, 7);
@@ -92,8 +83,6 @@ BloscEncoder::State::State() {
   ZSTD_CCtx_setParameter(gaps, ZSTD_c_targetLength, 4);
   ZSTD_CCtx_setParameter(gaps, ZSTD_c_literalCompressionMode, ZSTD_ps_enable);
   ZSTD_CCtx_setParameter(gaps, ZSTD_c_checksumFlag, 1);
-  ZSTD_CCtx_setParameter(bits, ZSTD_c_compressionLevel, 3);
-  ZSTD_CCtx_setParameter(bits, ZSTD_c_checksumFlag, 1);
 }
 
 void BloscEncoder::State::AppendPlane(std::span<const std::byte> plane) {
@@ -118,28 +107,6 @@ bool BloscEncoder::State::AppendGaps(std::span<const std::byte> values) {
   }
   Put(static_cast<uint32_t>(stream), &chunk, size);
   size = start + stream;
-  return true;
-}
-
-bool BloscEncoder::State::AppendBits(std::span<const std::byte> all) {
-  const size_t start = size + sizeof(uint32_t);
-  ZSTD_CCtx_reset(bits, ZSTD_reset_session_only);
-  ZSTD_CCtx_setPledgedSrcSize(bits, all.size());
-  ZSTD_outBuffer out{chunk.data() + start, chunk.size() - start, 0};
-  const size_t piece = (all.size() + kPieces - 1) / kPieces;
-  for (size_t from = 0; from < all.size(); from += piece) {
-    const size_t count = std::min(piece, all.size() - from);
-    ZSTD_inBuffer in{all.data() + from, count, 0};
-    const bool last = from + count == all.size();
-    if (ZSTD_compressStream2(bits, &out, &in, last ? ZSTD_e_end : ZSTD_e_flush) != 0) {
-      return false;  // an error, or no room
-    }
-  }
-  if (out.pos >= all.size()) {
-    return false;
-  }
-  Put(static_cast<uint32_t>(out.pos), &chunk, size);
-  size = start + out.pos;
   return true;
 }
 
@@ -169,7 +136,7 @@ BloscEncoder::BloscEncoder() : state_(std::make_unique<State>()) {}
 BloscEncoder::~BloscEncoder() = default;
 
 StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::byte> values,
-                                                          int type_bytes, Filter filter) {
+                                                          int type_bytes, ValueKind kind) {
   State& s = *state_;
   const auto width = static_cast<size_t>(type_bytes);
   const size_t count = values.size() / width;
@@ -177,7 +144,6 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
       count * width != values.size()) {
     return Internal("{} bytes of values of {} cannot be a chunk", values.size(), type_bytes);
   }
-  s.scratch.resize(values.size());
   s.planes.resize(values.size());
   s.chunk.resize(kBlockOffset + values.size() + width * sizeof(uint32_t) + 64);
   Header header;
@@ -185,14 +151,12 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
   header.bytes = header.block_bytes = static_cast<uint32_t>(values.size());
   s.size = kBlockOffset;
   Put(static_cast<uint32_t>(kBlockOffset), &s.chunk, kHeaderBytes);
-  bool smaller = true;
-  if (filter == Filter::kBitShuffle && count % 8 == 0) {
-    header.flags = kBitShuffled | kOneStream | kZstdFormat;
-    ShuffleBits(values.data(), count, type_bytes, s.scratch.data(), s.planes.data());
-    smaller = s.AppendBits(s.planes);
-  } else if (type_bytes == sizeof(float) && HasGaps(values) && s.AppendGaps(values)) {
+  if (kind == ValueKind::kFloat && type_bytes == sizeof(float) && HasGaps(values) &&
+      s.AppendGaps(values)) {
     header.flags = kOneStream | kZstdFormat;
   } else {
+    // Of whole numbers the smallest table does; of floats one that stays in the first cache.
+    ZSTD_CCtx_setParameter(s.bytes, ZSTD_c_hashLog, kind == ValueKind::kWhole ? 6 : 10);
     header.flags = kShuffled | kZstdFormat;
     ShuffleBytes(values.data(), count, type_bytes, s.planes.data());
     const size_t stream = count < kLeastSplit ? values.size() : count;
@@ -201,7 +165,7 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
       s.AppendPlane(std::span(s.planes).subspan(at, stream));
     }
   }
-  if (!smaller || s.size >= kHeaderBytes + values.size()) {
+  if (s.size >= kHeaderBytes + values.size()) {
     header.flags = static_cast<uint8_t>(header.flags | kCopied);
     std::memcpy(s.chunk.data() + kHeaderBytes, values.data(), values.size());
     s.size = kHeaderBytes + values.size();

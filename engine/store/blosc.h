@@ -14,25 +14,22 @@
 /// zstd stream carries its own checksum.
 namespace fovea::store {
 
-/// What is done to values before they are compressed.
-enum class Filter {
-  kShuffle,     // bytes of like significance side by side, each plane a stream of its own
-  kBitShuffle,  // the same with bits, one stream
-};
-
 /// Bytes of a chunk beyond those of its values, at most: what does not get smaller is kept as it
 /// is.
 inline constexpr int64_t kBloscHeaderBytes = 16;
+
+/// What values are, which says how far to look for repeats; chunks do not tell it.
+enum class ValueKind { kFloat, kWhole };
 
 /// Makes chunks one after another. One thread at a time.
 class BloscEncoder {
  public:
   BloscEncoder();
   ~BloscEncoder();
-  /// The chunk of values of `type_bytes` (1, 2 or 4), at least one; valid until the next call. A
-  /// bit shuffle of values that do not come in eights is a byte shuffle.
+  /// The chunk of values of `type_bytes` (1, 2 or 4), at least one; valid until the next call.
+  /// Bytes of like significance stand side by side, each plane of them a stream of its own.
   [[nodiscard]] StatusOr<std::span<const std::byte>> Encode(std::span<const std::byte> values,
-                                                            int type_bytes, Filter filter);
+                                                            int type_bytes, ValueKind kind);
 
  private:
   struct State;
@@ -44,9 +41,9 @@ class BloscDecoder {
  public:
   BloscDecoder();
   ~BloscDecoder();
-  /// Fills `values`, which hold values of `type_bytes`, at least one. DATA_LOSS, saying what is
-  /// wrong, for anything but a chunk of so many bytes in one block. Takes no memory but for as many
-  /// bytes.
+  /// Fills `values`, which hold values of `type_bytes`, at least one, whether bytes or bits were
+  /// put side by side. DATA_LOSS, saying what is wrong, for anything but a chunk of so many bytes
+  /// in one block. Takes no memory but for as many bytes.
   [[nodiscard]] Status Decode(std::span<const std::byte> chunk, int type_bytes,
                               std::span<std::byte> values);
 

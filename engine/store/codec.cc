@@ -32,11 +32,6 @@ uint32_t Crc32c(std::span<const std::byte> bytes) {
   return ~crc;
 }
 
-// Decided with the numbers of docs/decisions/0015.
-Filter FilterOf(const std::string& type) {
-  return IsIntegerType(type) ? Filter::kBitShuffle : Filter::kShuffle;
-}
-
 int64_t MaxEncodedBytes(int64_t raw_bytes) {
   const size_t zstd = ZSTD_compressBound(static_cast<size_t>(raw_bytes));
   return std::max(static_cast<int64_t>(zstd), raw_bytes + kBloscHeaderBytes) +
@@ -109,7 +104,7 @@ std::vector<std::byte> WithCrc32c(std::span<const std::byte> content) {
 struct Encoder::State {
   ZSTD_CCtx* context = ZSTD_createCCtx();
   BloscEncoder blosc;
-  std::vector<std::byte> scratch;
+  std::vector<std::byte> scratch, folded;
 
   State() {
     ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, kDefaultZstdLevel);
@@ -140,14 +135,21 @@ StatusOr<std::vector<std::byte>> Encoder::EncodeValues(std::span<const float> va
   raw.resize(std::max(raw.size(), values.size() * static_cast<size_t>(width)));
   const auto stored = std::span(raw).first(values.size() * static_cast<size_t>(width));
   FOVEA_RETURN_IF_ERROR(ToStored(values, coding, stored));
-  return EncodeStored(stored, coding.type);
+  return EncodeStored(stored, coding);
 }
 
 StatusOr<std::vector<std::byte>> Encoder::EncodeStored(std::span<const std::byte> stored,
-                                                       const std::string& type) {
-  const auto width = static_cast<int>(BytesOfType(type));
-  FOVEA_ASSIGN_OR_RETURN(const std::span<const std::byte> chunk,
-                         state_->blosc.Encode(stored, width, FilterOf(type)));
+                                                       const Coding& coding) {
+  const auto width = static_cast<int>(BytesOfType(coding.type));
+  if (coding.is_folded) {
+    state_->folded.resize(stored.size());
+    FoldSigns(stored, coding.type, state_->folded);
+    stored = state_->folded;
+  }
+  FOVEA_ASSIGN_OR_RETURN(
+      const std::span<const std::byte> chunk,
+      state_->blosc.Encode(stored, width,
+                           IsIntegerType(coding.type) ? ValueKind::kWhole : ValueKind::kFloat));
   return WithCrc32c(chunk);
 }
 
@@ -191,6 +193,9 @@ Status Decoder::DecodeValues(std::span<const std::byte> encoded, const Coding& c
   }
   state_->scratch.resize(values.size() * static_cast<size_t>(width));
   FOVEA_RETURN_IF_ERROR(state_->blosc.Decode(chunk, width, state_->scratch));
+  if (coding.is_folded) {
+    UnfoldSigns(coding.type, state_->scratch);
+  }
   FromStored(state_->scratch, coding, values);
   return absl::OkStatus();
 }

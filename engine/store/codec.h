@@ -12,17 +12,15 @@
 #include "engine/store/blosc.h"
 #include "engine/store/stored_type.h"
 
-/// The codec chains of chunks. Coefficients: little-endian values, in a Blosc chunk (blosc.h), then
-/// the CRC32C of that (4 bytes, little-endian). All else: the same with one zstd frame that carries
-/// its own checksum instead of the Blosc chunk.
+/// The codec chains of chunks. Coefficients: little-endian values, whole numbers with their signs
+/// folded (stored_type.h) if the coding says so, in a Blosc chunk (blosc.h), then the CRC32C of
+/// that (4 bytes, little-endian). All else: the same with one zstd frame that carries its own
+/// checksum instead of the Blosc chunk.
 namespace fovea::store {
 
 inline constexpr int kDefaultZstdLevel = 1;
 
 [[nodiscard]] uint32_t Crc32c(std::span<const std::byte> bytes);
-
-/// How coefficients of a type are filtered before they are compressed.
-[[nodiscard]] Filter FilterOf(const std::string& type);
 
 /// The most bytes that `raw_bytes` can take up encoded, either way.
 [[nodiscard]] int64_t MaxEncodedBytes(int64_t raw_bytes);
@@ -35,7 +33,7 @@ class Encoder {
   [[nodiscard]] StatusOr<std::vector<std::byte>> Encode(std::span<const std::byte> raw);
   /// Coefficients as ToStored (stored_type.h) makes them.
   [[nodiscard]] StatusOr<std::vector<std::byte>> EncodeStored(std::span<const std::byte> stored,
-                                                              const std::string& type);
+                                                              const Coding& coding);
   /// The same of floats, with the errors of ToStored.
   [[nodiscard]] StatusOr<std::vector<std::byte>> EncodeValues(std::span<const float> values,
                                                               const Coding& coding);

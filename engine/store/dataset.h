@@ -63,9 +63,14 @@ struct SourceInfo {
   }
 };
 
+/// The newest format, and the first one in which whole numbers have their signs folded
+/// (stored_type.h). Older stores are read, and appended to as they are.
+inline constexpr int kFormatVersion = 2;
+inline constexpr int kFoldedVersion = 2;
+
 /// The `fovea` attributes of the group (docs/formats/store.md).
 struct DatasetInfo {
-  int format_version = 1;
+  int format_version = kFormatVersion;
   std::string wavelet = "haar";           // haar, cdf53 or cdf97
   Hierarchy hierarchy;                    // dims_xyz
   Int3 origin;                            // source index of voxel (0, 0, 0)

@@ -75,7 +75,7 @@ FieldWriter::FieldWriter(FileSystem& files, const std::string& store_path, const
                          std::string field, EncoderPool* encoders, OnEnd on_end)
     : store_path_(store_path),
       field_(std::move(field)),
-      coarse_coding_(CoarseCoding(info.FieldOf(field_))),
+      coarse_coding_(CoarseCoding(info, info.FieldOf(field_))),
       step_(info.committed_steps),
       coarse_dims_(info.hierarchy.DimsAt(0)),
       encoders_(encoders),

@@ -12,13 +12,19 @@ int64_t CeilDiv(int64_t a, int64_t b) {
   return (a + b - 1) / b;
 }
 
+/// Whole numbers, times a scale, as stores of this format version hold them.
+Coding CodingOf(const DatasetInfo& info, const std::string& type, float scale) {
+  return {type, scale, IsIntegerType(type) && info.format_version >= kFoldedVersion};
+}
+
 }  // namespace
 
 LevelLayout LevelLayout::Make(const DatasetInfo& info, const FieldInfo& field, int level) {
   const Hierarchy& hierarchy = info.hierarchy;
   const int64_t chunk_edge = info.chunk_edge;
   LevelLayout layout;
-  layout.coding = {field.type, field.scales.empty() ? 1 : field.scales[static_cast<size_t>(level)]};
+  layout.coding = CodingOf(info, field.type,
+                           field.scales.empty() ? 1 : field.scales[static_cast<size_t>(level)]);
   layout.level = level;
   layout.width = hierarchy.WidthAt(level);
   layout.edge = chunk_edge;
@@ -34,8 +40,8 @@ LevelLayout LevelLayout::Make(const DatasetInfo& info, const FieldInfo& field, i
   return layout;
 }
 
-Coding CoarseCoding(const FieldInfo& field) {
-  return field.scales.empty() ? Coding{field.type, 1} : Coding{};
+Coding CoarseCoding(const DatasetInfo& info, const FieldInfo& field) {
+  return field.scales.empty() ? CodingOf(info, field.type, 1) : Coding{};
 }
 
 Basis BasisOf(const DatasetInfo& info, const FieldInfo& field) {
@@ -99,11 +105,16 @@ std::vector<int64_t> ArraySpec::FileGrid() const {
 
 namespace {
 
+/// Folded numbers are unsigned ones.
+std::string DataTypeOf(const Coding& coding) {
+  return (coding.is_folded ? "u" : "") + coding.type;
+}
+
 void AddLevel(const std::string& field, const LevelLayout& level, std::vector<ArraySpec>* arrays) {
   const int64_t c = level.edge;
   const Int3& per_shard = level.shard_chunks;
   arrays->push_back({DetailPath(field, level.width),
-                     level.coding.type,
+                     DataTypeOf(level.coding),
                      {kSubBands, level.dims.z, level.dims.y, level.dims.x},
                      {1, kSubBands, c, c, c},
                      {1, kSubBands, per_shard.z * c, per_shard.y * c, per_shard.x * c},
@@ -128,13 +139,13 @@ std::vector<ArraySpec> AllArrays(const DatasetInfo& info) {
   const Int3 coarse = info.hierarchy.DimsAt(0);
   for (const FieldInfo& field : info.fields) {
     arrays.push_back({CoarsePath(field.name),
-                      CoarseCoding(field).type,
+                      DataTypeOf(CoarseCoding(info, field)),
                       {coarse.z, coarse.y, coarse.x},
                       {1, coarse.z, coarse.y, coarse.x},
                       {},
                       {"t", "z", "y", "x"},
                       0,
-                      CoarseCoding(field)});
+                      CoarseCoding(info, field)});
     for (int level = 0; level < info.hierarchy.finest(); ++level) {
       AddLevel(field.name, LevelLayout::Make(info, field, level), &arrays);
     }

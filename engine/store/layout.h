@@ -58,7 +58,7 @@ struct LevelLayout {
 };
 
 /// How LLL_0 is stored: of quantised coefficients, it alone is exact.
-[[nodiscard]] Coding CoarseCoding(const FieldInfo& field);
+[[nodiscard]] Coding CoarseCoding(const DatasetInfo& info, const FieldInfo& field);
 /// What coefficients of a field mean.
 [[nodiscard]] Basis BasisOf(const DatasetInfo& info, const FieldInfo& field);
 
@@ -74,7 +74,7 @@ inline constexpr std::string_view kFrameNumberPath = "frame_number";
 /// Everything that is in an array's zarr.json, but how many steps it has.
 struct ArraySpec {
   std::string path;                          // below the store
-  std::string data_type;                     // float32, int16, int32, float64, int64 or uint64
+  std::string data_type;                     // float32 or 64, int16 to 64, uint16 to 64
   std::vector<int64_t> shape;                // without t
   std::vector<int64_t> chunk;                // with t; of what is encoded as one piece
   std::vector<int64_t> shard;                // with t; empty: chunks are files of their own

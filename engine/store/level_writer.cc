@@ -23,7 +23,7 @@ Status LevelWriter::Add(const Int3& chunk, std::span<const std::byte> stored, fl
                            chunk.x, chunk.y, chunk.z, layout_.width);
   }
   FOVEA_ASSIGN_OR_RETURN(std::vector<std::byte> encoded,
-                         encoders_->Borrow()->EncodeStored(stored, layout_.coding.type));
+                         encoders_->Borrow()->EncodeStored(stored, layout_.coding));
   const std::lock_guard lock(mutex_);
   layer_.push_back({chunk, std::move(encoded)});
   SetLargest(chunk, largest);

@@ -87,11 +87,12 @@ std::string DifferenceInMaking(const DatasetInfo& a, const DatasetInfo& b) {
       a.default_field != b.default_field) {
     return "fields";
   }
-  return a.wavelet != b.wavelet         ? "wavelet"
-         : a.chunk_edge != b.chunk_edge ? "chunk edge"
-         : a.clock != b.clock           ? "clock"
-         : a.retention != b.retention   ? "retention"
-                                        : "";
+  return a.format_version != b.format_version ? "format version"
+         : a.wavelet != b.wavelet             ? "wavelet"
+         : a.chunk_edge != b.chunk_edge       ? "chunk edge"
+         : a.clock != b.clock                 ? "clock"
+         : a.retention != b.retention         ? "retention"
+                                              : "";
 }
 
 namespace {

@@ -20,7 +20,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kFormatVersion = 1;
 constexpr int64_t kMaxMetadataBytes = 1 << 20;
 constexpr int kMaxJsonDepth = 16;
 constexpr const char* kChecksumKey = "crc32c";
@@ -59,7 +58,7 @@ json Attributes(const DatasetInfo& info) {
       attributes["value_unit"] = field.value_unit;
     }
   }
-  json attributes = {{"format_version", kFormatVersion},
+  json attributes = {{"format_version", info.format_version},
                      {"wavelet", info.wavelet},
                      {"dims_xyz", {dims.x, dims.y, dims.z}},
                      {"origin_xyz", {info.origin.x, info.origin.y, info.origin.z}},
@@ -133,20 +132,25 @@ json Zstd() {
 
 /// What each chunk says itself in its header; here for other writers.
 json Blosc(const Coding& coding) {
-  return Codec("blosc",
-               {{"cname", "zstd"},
-                {"clevel", 1},
-                {"shuffle", FilterOf(coding.type) == Filter::kShuffle ? "shuffle" : "bitshuffle"},
-                {"typesize", BytesOfType(coding.type)},
-                {"blocksize", 0}});
+  const bool is_of_version_1 = IsIntegerType(coding.type) && !coding.is_folded;
+  return Codec("blosc", {{"cname", "zstd"},
+                         {"clevel", 1},
+                         {"shuffle", is_of_version_1 ? "bitshuffle" : "shuffle"},
+                         {"typesize", BytesOfType(coding.type)},
+                         {"blocksize", 0}});
 }
 
-/// The name under which others (CF conventions) look for what values are to be multiplied by.
+/// How to read the numbers of an array. `scale_factor` is the name under which others (CF
+/// conventions) look for what values are to be multiplied by, which folded ones must not be.
 json ArrayAttributes(const ArraySpec& spec) {
-  if (!spec.coding || spec.coding->scale == 1) {
-    return json::object();
+  json attributes = json::object();
+  if (spec.coding && spec.coding->is_folded) {
+    attributes["signs"] = "folded";
   }
-  return {{"scale_factor", spec.coding->scale}};
+  if (spec.coding && spec.coding->scale != 1) {
+    attributes[spec.coding->is_folded ? "folded_scale" : "scale_factor"] = spec.coding->scale;
+  }
+  return attributes;
 }
 
 json ArrayDocument(const ArraySpec& spec, int64_t steps) {
@@ -292,6 +296,7 @@ StatusOr<DatasetInfo> InfoFrom(const json& attributes) {
   FOVEA_ASSIGN_OR_RETURN(info.hierarchy,
                          Hierarchy::Make(Triple(attributes, "dims_xyz", 1, kMaxDimension)));
   info.origin = Triple(attributes, "origin_xyz", -kFarthest, kFarthest);
+  info.format_version = static_cast<int>(Integer(attributes, "format_version", 1, kFormatVersion));
   const json& matrix = attributes.at("index_to_world");
   if (matrix.size() != info.index_to_world.m.size()) {
     return InvalidArgument("index_to_world must have 16 numbers");

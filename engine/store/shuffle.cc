@@ -12,32 +12,7 @@ HWY_BEFORE_NAMESPACE();
 namespace fovea::store::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// One plane of bytes to eight planes of bits, `count` / 8 bytes each.
-void SplitBitsKernel(const uint8_t* bytes, size_t count, uint8_t* bits) {
-  const hn::ScalableTag<int8_t> d;
-  const size_t n = hn::Lanes(d);
-  const size_t plane = count / 8;
-  size_t i = 0;
-  for (; i + n <= count; i += n) {
-    auto v = hn::LoadU(d, reinterpret_cast<const int8_t*>(bytes + i));
-    for (size_t bit = 8; bit-- > 0;) {  // the sign is the highest bit; then the next one is
-      uint8_t mask[HWY_MAX_BYTES / 8 + 8];
-      hn::StoreMaskBits(d, hn::Lt(v, hn::Zero(d)), mask);
-      std::memcpy(bits + bit * plane + i / 8, mask, n / 8);
-      v = hn::Add(v, v);
-    }
-  }
-  for (; i < count; i += 8) {
-    for (size_t bit = 0; bit < 8; ++bit) {
-      unsigned packed = 0;
-      for (size_t k = 0; k < 8; ++k) {
-        packed |= (unsigned{bytes[i + k]} >> bit & 1U) << k;
-      }
-      bits[bit * plane + i / 8] = static_cast<uint8_t>(packed);
-    }
-  }
-}
-
+/// Eight planes of bits, `count` / 8 bytes each, to one plane of bytes.
 void JoinBitsKernel(const uint8_t* bits, size_t count, uint8_t* bytes) {
   const hn::ScalableTag<uint8_t> d;
   const size_t n = hn::Lanes(d);
@@ -134,7 +109,6 @@ HWY_AFTER_NAMESPACE();
 namespace fovea::store {
 namespace internal {
 
-HWY_EXPORT(SplitBitsKernel);
 HWY_EXPORT(JoinBitsKernel);
 HWY_EXPORT(Split2Kernel);
 HWY_EXPORT(Join2Kernel);
@@ -172,15 +146,6 @@ void UnshuffleBytes(const std::byte* planes, size_t count, int type_bytes, std::
     HWY_DYNAMIC_DISPATCH(Join4Kernel)(In(planes), count, Out(values));
   } else {
     std::memcpy(values, planes, count);
-  }
-}
-
-void ShuffleBits(const std::byte* values, size_t count, int type_bytes, std::byte* scratch,
-                 std::byte* planes) {
-  using namespace internal;
-  ShuffleBytes(values, count, type_bytes, scratch);
-  for (size_t at = 0; at < count * static_cast<size_t>(type_bytes); at += count) {
-    HWY_DYNAMIC_DISPATCH(SplitBitsKernel)(In(scratch) + at, count, Out(planes) + at);
   }
 }
 

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-/// The filters of Blosc, which put like bytes and like bits of values side by side, and back.
+/// The filters of Blosc, which put like bytes, or like bits, of values side by side, and back.
 /// Compiled for every instruction set and chosen at run time; all give the same bytes. What is
 /// written must not overlap what is read, and has as many bytes: `count` values of `type_bytes`,
 /// which is 1, 2 or 4.
@@ -14,10 +14,8 @@ namespace fovea::store {
 void ShuffleBytes(const std::byte* values, size_t count, int type_bytes, std::byte* planes);
 void UnshuffleBytes(const std::byte* planes, size_t count, int type_bytes, std::byte* values);
 
-/// The lowest bits of all values, eight in a byte, the first in its lowest bit; then the second
-/// lowest ... `count` must be a multiple of 8. `scratch` is as large as the values.
-void ShuffleBits(const std::byte* values, size_t count, int type_bytes, std::byte* scratch,
-                 std::byte* planes);
+/// From the lowest bits of all values, eight in a byte, the first in its lowest bit; then the
+/// second lowest ... `count` must be a multiple of 8. `scratch` is as large as the values.
 void UnshuffleBits(const std::byte* planes, size_t count, int type_bytes, std::byte* scratch,
                    std::byte* values);
 

@@ -82,7 +82,7 @@ class StoredStep final : public StepSource {
         step_(step),
         field_(std::move(field)),
         on_damage_(on_damage),
-        coarse_coding_(CoarseCoding(info_.FieldOf(field_))),
+        coarse_coding_(CoarseCoding(info_, info_.FieldOf(field_))),
         basis_(BasisOf(info_, info_.FieldOf(field_))),
         retention_(files, path_, info_) {
     for (int level = 0; level < info_.hierarchy.finest(); ++level) {

@@ -94,6 +94,51 @@ void Unpack32Kernel(const int32_t* stored, size_t count, float scale, float* val
   });
 }
 
+/// Calls body(d, i) like ForVectors, for numbers of type T.
+template <typename T, typename Body>
+HWY_INLINE void ForNumbers(size_t count, const Body& body) {
+  const hn::ScalableTag<T> d;
+  const hn::CappedTag<T, 1> d1;
+  size_t i = 0;
+  for (const size_t n = hn::Lanes(d); i + n <= count; i += n) {
+    body(d, i);
+  }
+  for (; i < count; ++i) {
+    body(d1, i);
+  }
+}
+
+template <typename T>
+HWY_INLINE void Fold(const T* in, size_t count, T* out) {
+  ForNumbers<T>(count, [=](auto d, size_t i) HWY_ATTR {
+    const auto v = hn::LoadU(d, in + i);
+    hn::StoreU(hn::Xor(hn::Add(v, v), hn::ShiftRight<8 * sizeof(T) - 1>(v)), d, out + i);
+  });
+}
+
+template <typename T>
+HWY_INLINE void Unfold(size_t count, T* numbers) {
+  ForNumbers<T>(count, [=](auto d, size_t i) HWY_ATTR {
+    const hn::RebindToUnsigned<decltype(d)> bits;
+    const auto v = hn::LoadU(d, numbers + i);
+    const auto magnitude = hn::BitCast(d, hn::ShiftRight<1>(hn::BitCast(bits, v)));
+    hn::StoreU(hn::Xor(magnitude, hn::Neg(hn::And(v, hn::Set(d, 1)))), d, numbers + i);
+  });
+}
+
+void Fold16Kernel(const int16_t* in, size_t count, int16_t* out) {
+  Fold(in, count, out);
+}
+void Fold32Kernel(const int32_t* in, size_t count, int32_t* out) {
+  Fold(in, count, out);
+}
+void Unfold16Kernel(size_t count, int16_t* numbers) {
+  Unfold(count, numbers);
+}
+void Unfold32Kernel(size_t count, int32_t* numbers) {
+  Unfold(count, numbers);
+}
+
 bool RoundKernel(size_t count, float scale, float most, float* values) {
   bool fits = true;
   ForVectors(count, [&](auto d, size_t i) HWY_ATTR {
@@ -117,6 +162,10 @@ HWY_EXPORT(Pack32Kernel);
 HWY_EXPORT(Unpack16Kernel);
 HWY_EXPORT(Unpack32Kernel);
 HWY_EXPORT(RoundKernel);
+HWY_EXPORT(Fold16Kernel);
+HWY_EXPORT(Fold32Kernel);
+HWY_EXPORT(Unfold16Kernel);
+HWY_EXPORT(Unfold32Kernel);
 
 }  // namespace internal
 namespace {
@@ -154,7 +203,8 @@ float LargestMagnitude(std::span<const float> values) {
 
 Status ToStored(std::span<const float> values, const Coding& coding, std::span<std::byte> stored) {
   using namespace internal;
-  const auto& [type, scale] = coding;
+  const std::string& type = coding.type;
+  const float scale = coding.scale;
   const size_t count = values.size();
   if (type == kFloat) {
     if (!std::isfinite(LargestMagnitude(values))) {
@@ -181,7 +231,8 @@ Status ToStored(std::span<const float> values, const Coding& coding, std::span<s
 
 void FromStored(std::span<const std::byte> stored, const Coding& coding, std::span<float> values) {
   using namespace internal;
-  const auto& [type, scale] = coding;
+  const std::string& type = coding.type;
+  const float scale = coding.scale;
   if (type == kShort) {
     const auto* from = reinterpret_cast<const int16_t*>(stored.data());
     HWY_DYNAMIC_DISPATCH(Unpack16Kernel)(from, values.size(), scale, values.data());
@@ -190,6 +241,31 @@ void FromStored(std::span<const std::byte> stored, const Coding& coding, std::sp
     HWY_DYNAMIC_DISPATCH(Unpack32Kernel)(from, values.size(), scale, values.data());
   } else {
     std::memcpy(values.data(), stored.data(), stored.size());
+  }
+}
+
+void FoldSigns(std::span<const std::byte> stored, const std::string& type,
+               std::span<std::byte> folded) {
+  using namespace internal;
+  const size_t count = stored.size() / static_cast<size_t>(BytesOfType(type));
+  if (type == kShort) {
+    HWY_DYNAMIC_DISPATCH(Fold16Kernel)
+    (reinterpret_cast<const int16_t*>(stored.data()), count,
+     reinterpret_cast<int16_t*>(folded.data()));
+  } else {
+    HWY_DYNAMIC_DISPATCH(Fold32Kernel)
+    (reinterpret_cast<const int32_t*>(stored.data()), count,
+     reinterpret_cast<int32_t*>(folded.data()));
+  }
+}
+
+void UnfoldSigns(const std::string& type, std::span<std::byte> folded) {
+  using namespace internal;
+  const size_t count = folded.size() / static_cast<size_t>(BytesOfType(type));
+  if (type == kShort) {
+    HWY_DYNAMIC_DISPATCH(Unfold16Kernel)(count, reinterpret_cast<int16_t*>(folded.data()));
+  } else {
+    HWY_DYNAMIC_DISPATCH(Unfold32Kernel)(count, reinterpret_cast<int32_t*>(folded.data()));
   }
 }
 

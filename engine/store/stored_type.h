@@ -17,6 +17,7 @@ namespace fovea::store {
 struct Coding {
   std::string type = "float32";
   float scale = 1;
+  bool is_folded = false;  // files hold whole numbers as FoldSigns makes them
 };
 
 /// INVALID_ARGUMENT, naming the types, unless `type` is one of them.
@@ -36,6 +37,13 @@ struct Coding {
                               std::span<std::byte> stored);
 /// The reverse.
 void FromStored(std::span<const std::byte> stored, const Coding& coding, std::span<float> values);
+/// Numbers of an integer type with the sign in the lowest bit: v >= 0 becomes the unsigned 2 v, all
+/// others -2 v - 1, so that bits above those of the largest magnitude are zeros. `folded` is as
+/// long as `stored`, and may be the same.
+void FoldSigns(std::span<const std::byte> stored, const std::string& type,
+               std::span<std::byte> folded);
+/// The reverse, in place.
+void UnfoldSigns(const std::string& type, std::span<std::byte> folded);
 /// Makes every value the nearest one that an integer type can store. OUT_OF_RANGE if one of them
 /// is more than it holds.
 [[nodiscard]] Status RoundToStored(const Coding& coding, std::span<float> values);

@@ -147,7 +147,7 @@ void Survey::ReadStep(FoundStep* found) const {
   found->coarse_path = fmt::format("{}/{}/{}", path_, CoarsePath(found->field),
                                    SpaceChunkName(found->step, {0, 0, 0}, /*with_bands=*/false));
   const StatusOr<int64_t> read =
-      ReadValuesFile(files_, found->coarse_path, CoarseCoding(field), coarse);
+      ReadValuesFile(files_, found->coarse_path, CoarseCoding(info_, field), coarse);
   found->coarse = read.status();
   if (read.ok()) {
     ++found->chunks;

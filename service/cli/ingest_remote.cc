@@ -62,7 +62,7 @@ class Uploader {
   [[nodiscard]] Status Run() {
     std::optional<Stopwatch> away;
     while (next_ < steps()) {
-      const int64_t before = next_;
+      const int64_t before = bytes_;
       const Status status = SendFrom(next_);
       if (status.ok()) {
         continue;
@@ -70,8 +70,8 @@ class Uploader {
       if (!MayPass(status, away.has_value())) {
         return status;
       }
-      if (!away || next_ > before) {
-        away.emplace();
+      if (!away || bytes_ > before) {
+        away.emplace();  // it took some of it: it was not away until now
       }
       if (away->ElapsedMs() > kAwaySeconds * 1000) {
         return status;
@@ -242,6 +242,11 @@ Status UploadFiles(const IngestCommand& command) {
   const Stopwatch watch;
   FOVEA_ASSIGN_OR_RETURN(const auto server,
                          client::Client::Connect(*command.server, command.credentials));
+  // One that goes away is waited for; one that was never there is not.
+  const auto there = server->GetDataset(command.ingest.output);
+  if (absl::IsUnavailable(there.status())) {
+    return there.status();
+  }
   std::optional<ingest::PlannedSeries> planned;
   std::optional<Uploader> uploader;
   {

@@ -206,7 +206,7 @@ std::vector<Rate> StageRates(const Hierarchy& hierarchy, const Rate& rate) {
 
 store::Coding CodingOf(const store::DatasetInfo& info, const std::string& field, int level) {
   const store::FieldInfo& of = info.FieldOf(field);
-  return level == kCoarse ? store::CoarseCoding(of)
+  return level == kCoarse ? store::CoarseCoding(info, of)
                           : store::LevelLayout::Make(info, of, level).coding;
 }
 

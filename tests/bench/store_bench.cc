@@ -189,6 +189,9 @@ std::vector<std::vector<std::byte>> StoredChunks(const CoefficientSet& set, cons
     for (const auto& [at, brick] : level.bricks()) {
       chunks.emplace_back(brick.size() * static_cast<size_t>(BytesOfType(coding.type)));
       Check(ToStored(brick, coding, chunks.back()));
+      if (coding.is_folded) {
+        FoldSigns(chunks.back(), coding.type, chunks.back());
+      }
     }
   }
   return chunks;
@@ -215,30 +218,31 @@ void MeasureCodec(const char* name, const std::vector<std::vector<std::byte>>& c
     decode(chunk, decoded);
   }
   const double decode_ms = watch.ElapsedMs();
-  std::printf("| %-26s | %7.2f | %5.2f | %6.0f | %6.0f |\n", name, encoded_bytes / 1e6,
+  std::printf("| %-38s | %7.2f | %5.2f | %6.0f | %6.0f |\n", name, encoded_bytes / 1e6,
               raw_bytes / encoded_bytes, raw_bytes / 1e3 / encode_ms, raw_bytes / 1e3 / decode_ms);
 }
 
-void MeasureCodecs(const std::string& type, const std::vector<std::vector<std::byte>>& chunks) {
-  const auto width = static_cast<int>(BytesOfType(type));
+void MeasureCodecs(const CoefficientSet& set, const Coding& coding) {
+  const auto chunks = StoredChunks(set, coding);
+  const auto width = static_cast<int>(BytesOfType(coding.type));
+  const std::string type = fmt::format("{}, {}{}", WaveletName(set.basis.wavelet), coding.type,
+                                       coding.is_folded ? " folded" : "");
   MeasureCodec((type + ", zstd").c_str(), chunks,
                [](std::span<const std::byte> raw) { return ValueOf(Encoder().Encode(raw)); },
                [](std::span<const std::byte> encoded, std::span<std::byte> raw) {
                  Check(Decoder().Decode(encoded, raw));
                });
-  for (const Filter filter : {Filter::kShuffle, Filter::kBitShuffle}) {
-    BloscEncoder encoder;
-    BloscDecoder decoder;
-    MeasureCodec((type + (filter == Filter::kShuffle ? ", shuffle" : ", bit shuffle")).c_str(),
-                 chunks,
-                 [&](std::span<const std::byte> raw) {
-                   const auto chunk = ValueOf(encoder.Encode(raw, width, filter));
-                   return std::vector<std::byte>(chunk.begin(), chunk.end());
-                 },
-                 [&](std::span<const std::byte> encoded, std::span<std::byte> raw) {
-                   Check(decoder.Decode(encoded, width, raw));
-                 });
-  }
+  const ValueKind kind = IsIntegerType(coding.type) ? ValueKind::kWhole : ValueKind::kFloat;
+  BloscEncoder encoder;
+  BloscDecoder decoder;
+  MeasureCodec((type + ", Blosc").c_str(), chunks,
+               [&](std::span<const std::byte> raw) {
+                 const auto chunk = ValueOf(encoder.Encode(raw, width, kind));
+                 return std::vector<std::byte>(chunk.begin(), chunk.end());
+               },
+               [&](std::span<const std::byte> encoded, std::span<std::byte> raw) {
+                 Check(decoder.Decode(encoded, width, raw));
+               });
 }
 
 void Run(const Volume& volume, const std::string& folder) {
@@ -251,11 +255,14 @@ void Run(const Volume& volume, const std::string& folder) {
   std::printf("\n| stored as | MB | ratio | encode MB/s | decode MB/s |\n");
   std::printf("| --- | ---: | ---: | ---: | ---: |\n");
   const CoefficientSet floats = Transform(volume, 16, {}, &stats);
-  MeasureCodecs("float32", StoredChunks(floats, {}));
-  if (volume.is_whole) {
-    const CoefficientSet whole = Transform(volume, 16, {Wavelet::kHaar, true}, &stats);
-    MeasureCodecs("int16", StoredChunks(whole, {"int16", 1}));
-    MeasureCodecs("int32", StoredChunks(whole, {"int32", 1}));
+  MeasureCodecs(floats, {});
+  for (const Wavelet wavelet : {Wavelet::kHaar, Wavelet::kCdf53}) {
+    if (volume.is_whole) {
+      const CoefficientSet whole = Transform(volume, 16, {wavelet, true}, &stats);
+      MeasureCodecs(whole, {"int16", 1});
+      MeasureCodecs(whole, {"int16", 1, true});
+      MeasureCodecs(whole, {"int32", 1, true});
+    }
   }
 }
 

@@ -205,6 +205,30 @@ class Resume(Life):
                      says=["is there already"])
 
 
+class OfFormat1(support.FoveaTest):
+    """A store that was made before signs were folded (tests/data/README.md)."""
+
+    def voxels(self, step):
+        z, y, x = np.meshgrid(np.arange(17), np.arange(20), np.arange(24), indexing="ij")
+        far = ((x - 12) ** 2 + (y - 10) ** 2 + (z - 8) ** 2 + 7 * step) // 3
+        return (far * (x > 4) % 251).astype(np.uint8)
+
+    def test_is_read_verified_and_appended_to_as_it_is(self):
+        store, raw, out = (self.folder / name for name in ("a.zarr", "2.raw", "out.npy"))
+        shutil.copytree(support.PLUME.parent / "format1.zarr", store)
+        self.voxels(2).tofile(raw)
+        self.fovea("ingest", raw, "--raw", "24x20x17:uint8", "--lossless", "--append", "--fps", 1,
+                   "-o", store)
+        group = json.loads((store / "zarr.json").read_text())["attributes"]["fovea"]
+        self.assertEqual(group["format_version"], 1)
+        array = json.loads((store / "density/detail_2/zarr.json").read_text())
+        self.assertEqual(array["data_type"], "int16")
+        self.assertEqual(self.fovea_json("verify", store)["problems"], [])
+        for step in range(3):
+            self.fovea("extract", store, "--step", step, "-o", out)
+            np.testing.assert_array_equal(np.load(out), self.voxels(step))
+
+
 class Watch(Life):
     def start(self, pattern, store, *flags):
         return subprocess.Popen(

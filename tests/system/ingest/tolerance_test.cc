@@ -95,8 +95,9 @@ TEST_F(ToleranceTest, EveryArrayOfDetailSaysItsScale) {
            {"detail_4", field.scales[0]}, {"detail_2", field.scales[1]}}) {
     const auto document =
         nlohmann::json::parse(ReadFile(options_.output + "/density/" + array + "/zarr.json"));
-    EXPECT_EQ(document.at("data_type"), field.type);
-    EXPECT_EQ(document.at("attributes").at("scale_factor").get<float>(), scale);
+    EXPECT_EQ(document.at("data_type"), "u" + field.type);
+    EXPECT_EQ(document.at("attributes").at("signs"), "folded");
+    EXPECT_EQ(document.at("attributes").at("folded_scale").get<float>(), scale);
   }
   const auto coarse =
       nlohmann::json::parse(ReadFile(options_.output + "/density/coarse/zarr.json"));

@@ -15,7 +15,7 @@ const openArray = (name) => zarr.open.v3(root.resolve(name), { kind: "array" });
 
 async function checkGroup() {
   const { fovea } = root.attrs;
-  assert.equal(fovea.format_version, 1);
+  assert.equal(fovea.format_version, 2);
   assert.equal(fovea.wavelet, "haar");
   assert.equal(fovea.committed_steps, expected.steps.length);
   assert.deepEqual(fovea.dims_xyz, expected.dims_xyz);

@@ -1,5 +1,6 @@
 #include "engine/store/codec.h"
 
+#include <cmath>
 #include <cstring>
 #include <random>
 #include <string_view>
@@ -92,7 +93,8 @@ TEST(Codec, GivesBackCoefficientsAndFindsFlippedBits) {
   for (size_t i = 0; i < values.size(); ++i) {
     values[i] = static_cast<float>(static_cast<int>(i * i % 101) - 50);
   }
-  for (const Coding& coding : {Coding{"float32", 1}, Coding{"int16", 1}, Coding{"int32", 0.5F}}) {
+  for (const Coding& coding : {Coding{"float32", 1}, Coding{"int16", 1}, Coding{"int32", 0.5F},
+                               Coding{"int16", 1, true}, Coding{"int32", 0.5F, true}}) {
     ASSERT_OK_AND_ASSIGN(auto encoded, Encoder().EncodeValues(values, coding));
     EXPECT_LE(std::ssize(encoded), MaxEncodedBytes(std::ssize(values) * BytesOfType(coding.type)));
     std::vector<float> back(values.size());
@@ -105,6 +107,20 @@ TEST(Codec, GivesBackCoefficientsAndFindsFlippedBits) {
       byte ^= std::byte{4};
     }
   }
+}
+
+/// What folding is for: the high bytes of small numbers are noise, and then they are zeros.
+TEST(Codec, FoldedNumbersAreSmaller) {
+  std::vector<float> values(4096);
+  uint32_t random = 1;
+  for (float& value : values) {  // most are small, one in sixteen is not
+    random = random * 1664525 + 1013904223;
+    const auto number = static_cast<float>(random >> 20 & 7) - 3.5F;
+    value = std::trunc((random >> 16 & 15) == 0 ? 40 * number : number);
+  }
+  ASSERT_OK_AND_ASSIGN(auto plain, Encoder().EncodeValues(values, {"int16", 1}));
+  ASSERT_OK_AND_ASSIGN(auto folded, Encoder().EncodeValues(values, {"int16", 1, true}));
+  EXPECT_LT(static_cast<double>(folded.size()), 0.8 * static_cast<double>(plain.size()));
 }
 
 /// Other libraries that read the store check no CRC32C: zstd's checksum is there for them.

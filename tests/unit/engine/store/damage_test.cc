@@ -254,7 +254,7 @@ TEST_F(DamagedStore, AttributesThatCannotBeAreRefused) {
     EXPECT_FALSE(Verify(path_, 1).ok());
     EXPECT_FALSE(DatasetWriter::Append(path_).ok());
   };
-  expect(kPrecondition, "/format_version", 2);
+  expect(kPrecondition, "/format_version", kFormatVersion + 1);
   expect(kDataLoss, "/format_version", 0);
   expect(kDataLoss, "/dims_xyz/0", 0);
   expect(kDataLoss, "/dims_xyz/1", 65537);

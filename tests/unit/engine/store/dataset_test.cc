@@ -1,9 +1,14 @@
 #include "engine/store/dataset.h"
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <thread>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "engine/fovea/reconstruct.h"
@@ -154,6 +159,68 @@ TEST(Dataset, KeepsWhatItIsToldAboutTheData) {
   }
   EXPECT_EQ(read.fields[0].minimum, least);
   EXPECT_EQ(read.fields[0].maximum, most);
+}
+
+std::string TextOf(const std::string& path) {
+  std::ifstream file(path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// Whole numbers that int16 holds, some of them below 0.
+StepData WholeStep(const Int3& dims, int64_t edge) {
+  StepData data = MakeStep(dims, edge, 0);
+  const auto round = [](std::vector<float>* values) {
+    for (float& value : *values) {
+      value = std::clamp(std::round(100 * value), -32767.0F, 32767.0F);
+    }
+  };
+  data.coefficients.basis.integer = true;
+  round(&data.coefficients.coarse.values);
+  for (BrickGrid& detail : data.coefficients.detail) {
+    const BrickGrid before = detail;
+    for (const auto& [at, brick] : before.bricks()) {
+      round(&detail.Touch({at[2], at[1], at[0]}));
+    }
+  }
+  return data;
+}
+
+/// Stores of format version 1 hold whole numbers as they are; they are read, and appended to so.
+TEST(Dataset, ReadsAndAppendsToStoresOfTheFirstFormat) {
+  TemporaryFolder folder;
+  const Int3 dims{37, 50, 81};
+  const StepData data = WholeStep(dims, 8);
+  MemorySource memory(data.coefficients);
+  for (const int version : {1, kFormatVersion}) {
+    DatasetInfo info = MakeInfo(dims, 8);
+    info.format_version = version;
+    info.fields[0].type = "int16";
+    const std::string path = folder.Path(fmt::format("v{}.zarr", version));
+    for (int step = 0; step < 2; ++step) {
+      ASSERT_OK_AND_ASSIGN(const auto writer, step == 0 ? DatasetWriter::Create(path, info)
+                                                        : DatasetWriter::Append(path));
+      ASSERT_OK(writer->WriteField("density", data.coefficients, data.stats));
+      ASSERT_OK(writer->Commit(step, std::nullopt));
+    }
+    ASSERT_OK_AND_ASSIGN(const auto dataset, Dataset::Open(path));
+    EXPECT_EQ(dataset->info().format_version, version);
+    const std::string type = version == 1 ? "\"int16\"" : "\"uint16\"";
+    for (const std::string array : {"coarse", "detail_2"}) {
+      EXPECT_THAT(TextOf(path + "/density/" + array + "/zarr.json"),
+                  ::testing::HasSubstr("\"data_type\": " + type));
+    }
+    for (int step = 0; step < 2; ++step) {
+      ASSERT_OK_AND_ASSIGN(const auto source, dataset->OpenStep(step, "density", OnDamage::kFail));
+      std::vector<float> coarse(data.coefficients.coarse.values.size());
+      ASSERT_OK(source->ReadCoarse(coarse));
+      EXPECT_EQ(coarse, data.coefficients.coarse.values);
+      for (int level = 0; level < source->hierarchy().finest(); ++level) {
+        ASSERT_OK_AND_ASSIGN(const auto stored, testing::ReadLevel(source.get(), level));
+        ASSERT_OK_AND_ASSIGN(const auto wanted, testing::ReadLevel(&memory, level));
+        EXPECT_EQ(stored, wanted) << "version " << version << ", level " << level;
+      }
+    }
+  }
 }
 
 TEST(Dataset, ReadsOnlyTheChunksOfTheWindow) {

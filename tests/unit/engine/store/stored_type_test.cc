@@ -1,6 +1,7 @@
 #include "engine/store/stored_type.h"
 
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <vector>
@@ -79,6 +80,37 @@ TEST(StoredType, RoundsToTheNearestAndStaysThere) {
     EXPECT_THAT(RoundToStored(coding, rounded),
                 FailsWith(absl::StatusCode::kOutOfRange, coding.type));
   }
+}
+
+TEST(StoredType, FoldsSignsIntoTheLowestBit) {
+  std::vector<int16_t> numbers(43);  // whole vectors and more
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    numbers[i] = static_cast<int16_t>(static_cast<int>(i) - 21);
+  }
+  numbers[3] = std::numeric_limits<int16_t>::min();
+  numbers[42] = std::numeric_limits<int16_t>::max();
+  std::vector<uint16_t> folded(numbers.size());
+  FoldSigns(std::as_bytes(std::span(numbers)), "int16", std::as_writable_bytes(std::span(folded)));
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    const int v = numbers[i];
+    EXPECT_EQ(folded[i], v >= 0 ? 2 * v : -2 * v - 1) << v;
+  }
+  UnfoldSigns("int16", std::as_writable_bytes(std::span(folded)));
+  EXPECT_EQ(std::memcmp(folded.data(), numbers.data(), 2 * numbers.size()), 0);
+}
+
+TEST(StoredType, FoldsSignsOfLongNumbersInPlace) {
+  std::vector<int32_t> numbers = {0, -1, 1, -2, 1 << 22, -(1 << 22), INT32_MIN, INT32_MAX, -70000};
+  numbers.resize(37, -5);
+  const std::vector<int32_t> before = numbers;
+  const auto bytes = std::as_writable_bytes(std::span(numbers));
+  FoldSigns(bytes, "int32", bytes);
+  EXPECT_EQ((std::vector<uint32_t>(numbers.begin(), numbers.begin() + 9)),
+            (std::vector<uint32_t>{0, 1, 2, 3, 1U << 23, (1U << 23) - 1, UINT32_MAX, UINT32_MAX - 1,
+                                   139999}));
+  EXPECT_EQ(numbers.back(), 9);
+  UnfoldSigns("int32", bytes);
+  EXPECT_EQ(numbers, before);
 }
 
 TEST(StoredType, FindsTheLargestMagnitude) {
