@@ -52,7 +52,8 @@ void Put(const T& value, std::vector<std::byte>* out, size_t at) {
 }  // namespace
 
 struct BloscEncoder::State {
-  ZSTD_CCtx* bytes = ZSTD_createCCtx();  // for planes of bytes
+  ZSTD_CCtx* bytes = ZSTD_createCCtx();  // for planes of bytes of floats
+  ZSTD_CCtx* whole = ZSTD_createCCtx();  // for those of whole numbers
   ZSTD_CCtx* gaps = ZSTD_createCCtx();   // for floats that are mostly 0
   std::vector<std::byte> planes, chunk;
   size_t size = 0;  // of `chunk` so far
@@ -60,35 +61,37 @@ struct BloscEncoder::State {
   State();
   ~State() {
     ZSTD_freeCCtx(bytes);
+    ZSTD_freeCCtx(whole);
     ZSTD_freeCCtx(gaps);
   }
   /// Appends one stream, of the bytes as they are if they do not get smaller.
-  void AppendPlane(std::span<const std::byte> plane);
+  void AppendPlane(ZSTD_CCtx* context, std::span<const std::byte> plane);
   /// Appends floats as they are as one stream; false, and nothing is appended, if that takes more
   /// than their planes would without the gaps.
   [[nodiscard]] bool AppendGaps(std::span<const std::byte> values);
 };
 
-// Parameters by measurement (docs/decisions/0015 and 0029). Bytes: only long matches are worth a
-// sequence; how large a table finds enough of them depends on the values. Gaps: they are long, so
-// that few places are looked at; the Huffman coder, which zstd leaves out then unless it is told,
-// is worth its time.
+// Parameters by measurement (docs/decisions/0015 and 0029). Only long matches are worth a sequence;
+// a table that stays in the first cache finds those of floats, the smallest one those of whole
+// numbers. Of these and of gaps few places are looked at (targetLength); the Huffman coder, which
+// zstd leaves out then unless it is told, is worth its time.
 BloscEncoder::State::State() {
-  ZSTD_CCtx_setParameter(bytes, ZSTD_c_compressionLevel, 1);
-  ZSTD_CCtx_setParameter(bytes, ZSTD_c_minMatch, 7);
-  ZSTD_CCtx_setParameter(bytes, ZSTD_c_checksumFlag, 1);
-  ZSTD_CCtx_setParameter(gaps, ZSTD_c_compressionLevel, 1);
-  ZSTD_CCtx_setParameter(gaps, ZSTD_c_minMatch, 7);
-  ZSTD_CCtx_setParameter(gaps, ZSTD_c_hashLog, 10);
-  ZSTD_CCtx_setParameter(gaps, ZSTD_c_targetLength, 4);
-  ZSTD_CCtx_setParameter(gaps, ZSTD_c_literalCompressionMode, ZSTD_ps_enable);
-  ZSTD_CCtx_setParameter(gaps, ZSTD_c_checksumFlag, 1);
+  for (ZSTD_CCtx* context : {bytes, whole, gaps}) {
+    ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, 1);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_minMatch, 7);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_hashLog, context == whole ? 6 : 10);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_checksumFlag, 1);
+    if (context != bytes) {
+      ZSTD_CCtx_setParameter(context, ZSTD_c_targetLength, 4);
+      ZSTD_CCtx_setParameter(context, ZSTD_c_literalCompressionMode, ZSTD_ps_enable);
+    }
+  }
 }
 
-void BloscEncoder::State::AppendPlane(std::span<const std::byte> plane) {
+void BloscEncoder::State::AppendPlane(ZSTD_CCtx* context, std::span<const std::byte> plane) {
   const size_t start = size + sizeof(uint32_t);
-  size_t stream =
-      ZSTD_compress2(bytes, chunk.data() + start, chunk.size() - start, plane.data(), plane.size());
+  size_t stream = ZSTD_compress2(context, chunk.data() + start, chunk.size() - start, plane.data(),
+                                 plane.size());
   if (ZSTD_isError(stream) != 0 || stream >= plane.size()) {
     std::memcpy(chunk.data() + start, plane.data(), plane.size());
     stream = plane.size();  // this says that it was copied
@@ -112,21 +115,27 @@ bool BloscEncoder::State::AppendGaps(std::span<const std::byte> values) {
 
 namespace {
 
-/// Whether kLeastGaps of values of 4 bytes are 0, going by every fourth run of them.
+/// Whether kLeastGaps of values of 4 bytes are 0 and the others fill their bytes, going by every
+/// fourth run of them. Of floats that are small whole numbers a plane or two are all 0, which is
+/// worth more than gaps.
 bool HasGaps(std::span<const std::byte> values) {
   constexpr size_t kRun = 16;
   std::array<uint32_t, kRun> words;
-  size_t runs = 0, zeros = 0;
+  size_t runs = 0, zeros = 0, short_ones = 0;
   for (size_t at = 0; at + sizeof(words) <= values.size(); at += 4 * sizeof(words)) {
     std::memcpy(words.data(), values.data() + at, sizeof(words));
-    uint32_t of_run = 0;
+    uint32_t of_run = 0, short_of_run = 0;
     for (const uint32_t word : words) {
       of_run += word == 0 ? 1 : 0;
+      short_of_run += (word & 0xFF) == 0 ? 1 : 0;
     }
     zeros += of_run;
+    short_ones += short_of_run;
     ++runs;
   }
-  return static_cast<double>(zeros) > kLeastGaps * static_cast<double>(runs * kRun);
+  const size_t others = runs * kRun - zeros;
+  return static_cast<double>(zeros) > kLeastGaps * static_cast<double>(runs * kRun) &&
+         2 * (short_ones - zeros) <= others;
 }
 
 }  // namespace
@@ -155,14 +164,13 @@ StatusOr<std::span<const std::byte>> BloscEncoder::Encode(std::span<const std::b
       s.AppendGaps(values)) {
     header.flags = kOneStream | kZstdFormat;
   } else {
-    // Of whole numbers the smallest table does; of floats one that stays in the first cache.
-    ZSTD_CCtx_setParameter(s.bytes, ZSTD_c_hashLog, kind == ValueKind::kWhole ? 6 : 10);
     header.flags = kShuffled | kZstdFormat;
     ShuffleBytes(values.data(), count, type_bytes, s.planes.data());
     const size_t stream = count < kLeastSplit ? values.size() : count;
     header.flags = static_cast<uint8_t>(header.flags | (count < kLeastSplit ? kOneStream : 0));
     for (size_t at = 0; at < values.size(); at += stream) {
-      s.AppendPlane(std::span(s.planes).subspan(at, stream));
+      s.AppendPlane(kind == ValueKind::kWhole ? s.whole : s.bytes,
+                    std::span(s.planes).subspan(at, stream));
     }
   }
   if (s.size >= kHeaderBytes + values.size()) {

@@ -133,6 +133,19 @@ TEST(Blosc, FloatsWithGapsLieAsTheyAreAndTakeNoMoreThanTheirPlanes) {
   EXPECT_NE(chunk[kFlags] & kShuffled, std::byte{0});
 }
 
+/// What a CT scan gives: much of it is 0, and the low bytes of the rest are.
+TEST(Blosc, FloatsOfSmallWholeNumbersAreSmallerAsPlanes) {
+  std::mt19937 random(10);
+  std::vector<float> values(28672);
+  for (size_t i = 0; i < values.size(); ++i) {
+    values[i] = i % 16 < 9 ? 0.0F : static_cast<float>(random() % 512) / 8 - 32;
+  }
+  BloscEncoder encoder;
+  const auto bytes = std::as_bytes(std::span(values));
+  ASSERT_OK_AND_ASSIGN(const auto chunk, encoder.Encode(bytes, 4, ValueKind::kFloat));
+  EXPECT_NE(chunk[2] & std::byte{BLOSC_DOSHUFFLE}, std::byte{0});
+}
+
 /// The library that all others take for Blosc.
 TEST(Blosc, IsWhatTheBloscLibraryReads) {
   BloscEncoder encoder;
