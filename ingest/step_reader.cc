@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <filesystem>
 #include <set>
@@ -142,28 +143,87 @@ StatusOr<ScannedFile> ScanFile(const IngestOptions& options, const SequenceFile&
   return scanned;
 }
 
+/// Looks through files with several workers, each of them taking the next one.
+class Scan {
+ public:
+  Scan(const IngestOptions& options, const std::vector<SequenceFile>& files, bool from_voxels,
+       const std::function<bool(const std::string& path)>& on_file)
+      : options_(options),
+        files_(files),
+        from_voxels_(from_voxels),
+        on_file_(on_file),
+        scanned_(files.size(), Cancelled("not looked at")),
+        failed_at_(files.size()) {}
+
+  /// Until there are no more files, or none before one that failed.
+  void Work(WorkerClient* client, bool tells) {
+    for (size_t i = next_++; i < failed_at_; i = next_++) {
+      if (files_[i].held) {
+        continue;
+      }
+      if (tells && !on_file_(files_[i].path)) {
+        stopped_ = true;
+        failed_at_ = 0;
+        return;
+      }
+      scanned_[i] = ScanFile(options_, files_[i], from_voxels_, client);
+      for (size_t at = failed_at_; !scanned_[i].ok() && i < at;) {
+        failed_at_.compare_exchange_weak(at, i);
+      }
+    }
+  }
+
+  [[nodiscard]] StatusOr<std::vector<ScannedFile>> Take() {
+    if (stopped_) {
+      return Cancelled("stopped while looking through the files; nothing was written");
+    }
+    std::vector<ScannedFile> all;
+    for (size_t i = 0; i < files_.size(); ++i) {
+      if (files_[i].held) {
+        ScannedFile held{files_[i], all.back().info, all.back().grids};
+        held.file.further = all.back().file.further;
+        all.push_back(std::move(held));
+        continue;
+      }
+      FOVEA_RETURN_IF_ERROR(scanned_[i].status());
+      all.push_back(*std::move(scanned_[i]));
+    }
+    return all;
+  }
+
+ private:
+  const IngestOptions& options_;
+  const std::vector<SequenceFile>& files_;
+  const bool from_voxels_;
+  const std::function<bool(const std::string& path)>& on_file_;
+  std::vector<StatusOr<ScannedFile>> scanned_;  // each by who took it
+  std::atomic<size_t> next_ = 0;
+  std::atomic<size_t> failed_at_;  // the first that did
+  std::atomic<bool> stopped_ = false;
+};
+
 }  // namespace
 
 StatusOr<std::vector<ScannedFile>> ScanFiles(
     const IngestOptions& options, const std::vector<SequenceFile>& files, bool from_voxels,
     const std::function<bool(const std::string& path)>& on_file, Workers* workers) {
   StartWorkers(options, files, workers);
-  std::vector<ScannedFile> scanned;
-  for (const SequenceFile& file : files) {
-    if (!on_file(file.path)) {
-      return Cancelled("stopped while looking through the files; nothing was written");
-    }
-    if (file.held) {
-      ScannedFile held{file, scanned.back().info, scanned.back().grids};
-      held.file.further = scanned.back().file.further;
-      scanned.push_back(std::move(held));
-      continue;
-    }
-    FOVEA_ASSIGN_OR_RETURN(ScannedFile one,
-                           ScanFile(options, file, from_voxels, workers->front().get()));
-    scanned.push_back(std::move(one));
+  Scan scan(options, files, from_voxels, on_file);
+  std::vector<std::thread> threads;
+  for (size_t i = 1; i < workers->size(); ++i) {
+    threads.emplace_back([&scan, &worker = (*workers)[i]] {
+      const pid_t before = worker->pid();
+      scan.Work(worker.get(), /*tells=*/false);
+      if (worker->pid() != before) {
+        worker.reset();  // one that was started here goes with this thread
+      }
+    });
   }
-  return scanned;
+  scan.Work(workers->front().get(), /*tells=*/true);
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+  return scan.Take();
 }
 
 StepReader::StepReader(const IngestOptions& options, const SeriesPlan& plan, Workers workers)

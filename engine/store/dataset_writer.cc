@@ -93,7 +93,8 @@ Status WriteSeries(const std::string& store_path, const std::string& array, int6
 class Writer final : public DatasetWriter {
  public:
   Writer(FileSystem& files, std::string path, DatasetInfo info, WriterLock lock, Series series)
-      : files_(files),
+      : directories_(files.WithOpenDirectories()),
+        files_(directories_ != nullptr ? *directories_ : files),
         path_(std::move(path)),
         info_(std::move(info)),
         lock_(std::move(lock)),
@@ -101,8 +102,8 @@ class Writer final : public DatasetWriter {
         series_(std::move(series)),
         next_(info_),
         published_series_(series_),
-        ended_(files),
-        batch_(files) {}
+        ended_(files_),
+        batch_(files_) {}
 
   [[nodiscard]] const DatasetInfo& info() const override { return info_; }
   [[nodiscard]] StatusOr<std::unique_ptr<FieldWriter>> BeginField(
@@ -130,7 +131,8 @@ class Writer final : public DatasetWriter {
   void DropStep();
   void DropEnded();
 
-  FileSystem& files_;
+  std::unique_ptr<FileSystem> directories_;  // or null
+  FileSystem& files_;                        // what steps are written through
   std::string path_;
   DatasetInfo info_;
   WriterLock lock_;

@@ -10,6 +10,8 @@
 #include <set>
 #include <system_error>
 
+#include "engine/base/parallel.h"
+
 namespace fovea::store {
 namespace {
 
@@ -199,6 +201,28 @@ Status RemoveTree(FileSystem& files, const std::string& path) {
   return removed < 0 ? ErrnoStatus(-removed, "cannot remove", path) : absl::OkStatus();
 }
 
+namespace {
+
+Status FlushTemporaries(FileSystem& files, std::span<const std::string> paths) {
+  std::vector<Handle> handles;
+  for (const std::string& path : paths) {
+    const std::string name = TemporaryName(path);
+    handles.emplace_back(files, files.Open(name, Access::kRead));
+    if (!handles.back().ok()) {
+      return ErrnoStatus(-handles.back().get(), "cannot open", name);
+    }
+    files.StartFlush(handles.back().get());
+  }
+  for (size_t i = 0; i < paths.size(); ++i) {
+    if (const int flushed = files.Flush(handles[i].get()); flushed < 0) {
+      return ErrnoStatus(-flushed, "cannot flush", TemporaryName(paths[i]));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
 StatusOr<WritableFile> FileBatch::Start(const std::string& path) {
   paths_.push_back(path);
   return WritableFile::Create(files_, TemporaryName(path));
@@ -218,23 +242,16 @@ void FileBatch::Absorb(FileBatch* other) {
 Status FileBatch::Flush() {
   // Writing is started for many first: the file system then commits most of them with the first
   // flush, and the others cost little.
-  constexpr size_t kAtOnce = 64;  // handles
-  for (size_t first = 0; first < paths_.size(); first += kAtOnce) {
-    std::vector<Handle> handles;
-    const size_t end = std::min(first + kAtOnce, paths_.size());
-    for (size_t i = first; i < end; ++i) {
-      const std::string name = TemporaryName(paths_[i]);
-      handles.emplace_back(files_, files_.Open(name, Access::kRead));
-      if (!handles.back().ok()) {
-        return ErrnoStatus(-handles.back().get(), "cannot open", name);
-      }
-      files_.StartFlush(handles.back().get());
-    }
-    for (size_t i = first; i < end; ++i) {
-      if (const int flushed = files_.Flush(handles[i - first].get()); flushed < 0) {
-        return ErrnoStatus(-flushed, "cannot flush", TemporaryName(paths_[i]));
-      }
-    }
+  constexpr int64_t kAtOnce = 64;  // handles of a thread
+  const int64_t groups = (std::ssize(paths_) + kAtOnce - 1) / kAtOnce;
+  std::vector<Status> results(static_cast<size_t>(groups));
+  ParallelFor(0, std::ssize(paths_), kAtOnce, 0, [&](int64_t first, int64_t last) {
+    const auto begin = static_cast<size_t>(first), count = static_cast<size_t>(last - first);
+    results[static_cast<size_t>(first / kAtOnce)] =
+        FlushTemporaries(files_, std::span(paths_).subspan(begin, count));
+  });
+  for (const Status& result : results) {
+    FOVEA_RETURN_IF_ERROR(result);
   }
   return absl::OkStatus();
 }

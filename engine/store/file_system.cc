@@ -6,7 +6,10 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <functional>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <string_view>
 
 #include <dirent.h>
@@ -48,10 +51,18 @@ bool IsDirectory(const std::string& path, const dirent& entry) {
   return ::lstat((path + "/" + entry.d_name).c_str(), &info) == 0 && S_ISDIR(info.st_mode);
 }
 
-class PosixFileSystem final : public FileSystem {
+/// A name in an open directory, or a path.
+struct Place {
+  int directory = AT_FDCWD;
+  const char* name = nullptr;
+};
+
+class PosixFileSystem : public FileSystem {
  public:
   [[nodiscard]] int Open(const std::string& path, Access access) override {
-    return Retrying([&] { return ::open(path.c_str(), FlagsOf(access) | O_CLOEXEC, 0666); });
+    const Place at = Find(path);
+    return Retrying(
+        [&] { return ::openat(at.directory, at.name, FlagsOf(access) | O_CLOEXEC, 0666); });
   }
   void Close(int handle) override { ::close(handle); }
   [[nodiscard]] int64_t Size(int handle) override {
@@ -81,13 +92,15 @@ class PosixFileSystem final : public FileSystem {
     return Retrying([&] { return ::flock(handle, LOCK_EX | LOCK_NB); });
   }
   [[nodiscard]] int Rename(const std::string& from, const std::string& to) override {
-    return ::rename(from.c_str(), to.c_str()) == 0 ? 0 : -errno;
+    const Place old = Find(from), now = Find(to);
+    return ::renameat(old.directory, old.name, now.directory, now.name) == 0 ? 0 : -errno;
   }
   [[nodiscard]] int Link(const std::string& from, const std::string& to) override {
     return ::link(from.c_str(), to.c_str()) == 0 ? 0 : -errno;
   }
   [[nodiscard]] int Remove(const std::string& path) override {
-    return ::unlink(path.c_str()) == 0 ? 0 : -errno;
+    const Place at = Find(path);
+    return ::unlinkat(at.directory, at.name, 0) == 0 ? 0 : -errno;
   }
   [[nodiscard]] int MakeDirectory(const std::string& path) override {
     return ::mkdir(path.c_str(), 0777) == 0 ? 0 : -errno;
@@ -111,7 +124,56 @@ class PosixFileSystem final : public FileSystem {
     }
     return -errno;
   }
+  [[nodiscard]] std::unique_ptr<FileSystem> WithOpenDirectories() override;
+
+ protected:
+  /// Valid as long as `path`.
+  virtual Place Find(const std::string& path) { return {AT_FDCWD, path.c_str()}; }
 };
+
+/// Directories are opened when a file in them is first asked for.
+class OpenDirectories final : public PosixFileSystem {
+ public:
+  OpenDirectories() = default;
+  OpenDirectories(const OpenDirectories&) = delete;
+  OpenDirectories& operator=(const OpenDirectories&) = delete;
+  ~OpenDirectories() override {
+    for (const auto& [path, handle] : open_) {
+      ::close(handle);
+    }
+  }
+
+ protected:
+  Place Find(const std::string& path) override {
+    const size_t slash = path.rfind('/');
+    if (slash == std::string::npos || slash == 0) {
+      return PosixFileSystem::Find(path);
+    }
+    const std::lock_guard lock(mutex_);
+    auto found = open_.find(std::string_view(path).substr(0, slash));
+    if (found == open_.end()) {
+      if (open_.size() == kMost) {
+        return PosixFileSystem::Find(path);
+      }
+      const std::string directory = path.substr(0, slash);
+      const int handle = ::open(directory.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC);
+      if (handle < 0) {
+        return PosixFileSystem::Find(path);
+      }
+      found = open_.emplace(directory, handle).first;
+    }
+    return {found->second, path.c_str() + slash + 1};
+  }
+
+ private:
+  static constexpr size_t kMost = 64;  // descriptors are few
+  std::mutex mutex_;
+  std::map<std::string, int, std::less<>> open_;  // guarded by mutex_
+};
+
+std::unique_ptr<FileSystem> PosixFileSystem::WithOpenDirectories() {
+  return std::make_unique<OpenDirectories>();
+}
 
 }  // namespace
 

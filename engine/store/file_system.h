@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -63,6 +64,11 @@ class FileSystem {
   [[nodiscard]] virtual int RemoveDirectory(const std::string& path) = 0;
   /// Appends what is in a directory, without "." and "..", in no order.
   [[nodiscard]] virtual int List(const std::string& path, std::vector<DirectoryEntry>* entries) = 0;
+
+  /// The same files, for whoever makes many in few directories: these are found once, and stay
+  /// open. If one gets another name meanwhile, it is the one that was found that is meant. Null:
+  /// there is nothing better than this.
+  [[nodiscard]] virtual std::unique_ptr<FileSystem> WithOpenDirectories() { return nullptr; }
 };
 
 /// The machine's own. It has no state.

@@ -62,6 +62,20 @@ TEST_F(DamagedVdbTest, WhatIsNoVdbIsSaidToBeNone) {
               FailsWith(absl::StatusCode::kDataLoss, "empty.vdb: the file is empty"));
 }
 
+TEST_F(DamagedVdbTest, OfSeveralTheFirstIsNamed) {
+  // They are looked at by several workers at once.
+  const std::string whole = ReadFile(FOVEA_SOURCE_DIR "/tests/data/plume/plume_0001.vdb");
+  for (int number = 1; number <= 9; ++number) {
+    const bool is_cut = number == 4 || number == 5 || number == 8;
+    std::ofstream(Path("p_" + std::to_string(number) + ".vdb"), std::ios::binary)
+        << whole.substr(0, is_cut ? 400 : whole.size());
+  }
+  for (int round = 0; round < 5; ++round) {
+    EXPECT_THAT(Ingest(Options({"p_#.vdb"})), FailsWith(absl::StatusCode::kDataLoss, "p_4.vdb: "));
+  }
+  EXPECT_FALSE(std::filesystem::exists(Path("out.zarr")));
+}
+
 TEST_F(DamagedVdbTest, ADamagedStepInTheMiddleKeepsTheStepsBefore) {
   // Many flipped bytes in the zipped voxels; the metadata stay right.
   std::string bytes = ReadFile(FOVEA_SOURCE_DIR "/tests/data/plume/plume_0001.vdb");

@@ -1,6 +1,8 @@
 #include "engine/store/file.h"
 
 #include <cerrno>
+#include <filesystem>
+#include <iterator>
 #include <span>
 #include <string>
 #include <vector>
@@ -70,6 +72,66 @@ TEST(Files, TheSimulatedDiskIsLikeTheMachines) {
   SimulatedDisk disk;
   ExpectFileLife(disk, "");
   EXPECT_EQ(disk.open_handles(), 0U);
+}
+
+TEST(Files, OpenDirectoriesAreLikePaths) {
+  const testing::TemporaryFolder folder;
+  const std::string root = folder.Path("root");
+  const auto open = RealFileSystem().WithOpenDirectories();
+  ASSERT_NE(open, nullptr);
+  ASSERT_OK(MakeDirectory(*open, root));
+  ExpectFileLife(*open, root);
+}
+
+TEST(Files, ManyDirectoriesDoNotTakeAllDescriptors) {
+  const testing::TemporaryFolder folder;
+  const auto open = RealFileSystem().WithOpenDirectories();
+  FileBatch batch(*open);
+  for (int i = 0; i < 200; ++i) {
+    const std::string directory = folder.Path(std::to_string(i));
+    ASSERT_OK(MakeDirectory(*open, directory));
+    ASSERT_OK(batch.Write(directory + "/a", Bytes(std::to_string(i))));
+  }
+  const auto handles = std::filesystem::directory_iterator("/proc/self/fd");
+  EXPECT_LT(std::distance(begin(handles), end(handles)), 100);
+  ASSERT_OK(batch.Flush());
+  ASSERT_OK(batch.Publish());
+  for (int i = 0; i < 200; ++i) {
+    EXPECT_EQ(*ReadText(RealFileSystem(), folder.Path(std::to_string(i)) + "/a"),
+              std::to_string(i));
+  }
+}
+
+TEST(Files, AnOpenDirectoryIsMeantWhateverItIsCalled) {
+  const testing::TemporaryFolder folder;
+  const auto open = RealFileSystem().WithOpenDirectories();
+  const std::string path = folder.Path("old");
+  ASSERT_OK(MakeDirectory(*open, path));
+  FileBatch batch(*open);
+  ASSERT_OK(batch.Write(path + "/a", Bytes("1")));
+  std::filesystem::rename(path, folder.Path("new"));
+  ASSERT_OK(MakeDirectory(*open, path));
+  ASSERT_OK(batch.Write(path + "/b", Bytes("2")));
+  ASSERT_OK(batch.Flush());
+  ASSERT_OK(batch.Publish());
+  EXPECT_EQ(*ReadText(RealFileSystem(), folder.Path("new") + "/a"), "1");
+  EXPECT_EQ(*ReadText(RealFileSystem(), folder.Path("new") + "/b"), "2");
+}
+
+TEST(Files, EveryOneOfManyIsFlushed) {
+  SimulatedDisk disk;
+  ASSERT_OK(MakeDirectory(disk, "d"));
+  ASSERT_OK(FlushDirectory(disk, ""));
+  FileBatch batch(disk);
+  for (int i = 0; i < 300; ++i) {
+    ASSERT_OK(batch.Write("d/" + std::to_string(i), Bytes(std::to_string(i))));
+  }
+  ASSERT_OK(batch.Flush());
+  ASSERT_OK(batch.Publish());
+  const auto files = disk.AfterPowerCut([](size_t) { return false; }, Kept::kNone)->Files();
+  for (int i = 0; i < 300; ++i) {
+    EXPECT_EQ(files.at("d/" + std::to_string(i)), Bytes(std::to_string(i)));
+  }
 }
 
 TEST(Files, OneHoldsTheLock) {
