@@ -2,6 +2,7 @@
 find_package(Threads REQUIRED)
 find_package(PkgConfig REQUIRED)
 find_package(absl CONFIG REQUIRED)
+include(cmake/Abseil.cmake)
 find_package(Protobuf 3.21 REQUIRED)          # module mode: Debian ships no protobuf-config.cmake
 find_package(gRPC 1.51 CONFIG REQUIRED)
 find_package(OpenSSL 3.0 REQUIRED)            # SHA-256 of tokens, checks of certificates
