@@ -297,6 +297,7 @@ void StepReader::ReadAll(size_t lane) {
       return;
     }
   }
+  lanes_[lane]->client->Dismiss();  // while the last steps are written
 }
 
 Status StepReader::Read(const PlannedStep& step, Lane* lane) {

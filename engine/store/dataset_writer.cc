@@ -288,6 +288,8 @@ DatasetInfo Writer::InfoAfterStep() const {
 
 Status Writer::PrepareCommit() {
   FOVEA_RETURN_IF_ERROR(WriteAllSeries(next_.committed_steps - 1, /*full_ones=*/false));
+  ended_.Absorb(&batch_);
+  ended_.EndUnordered();
   FOVEA_RETURN_IF_ERROR(WriteMetadata(path_, next_, arrays_, &batch_));
   ended_.Absorb(&batch_);
   return ended_.Flush();

@@ -7,8 +7,8 @@
 #include <cstdio>
 #include <ctime>
 #include <iterator>
-#include <set>
 #include <system_error>
+#include <utility>
 
 #include "engine/base/parallel.h"
 
@@ -16,6 +16,8 @@ namespace fovea::store {
 namespace {
 
 constexpr std::string_view kTemporarySuffix = ".tmp";
+/// That flush or rename the files of a batch: more would wait for each other, and hold handles.
+constexpr int kMostThreads = 4;
 
 using Access = FileSystem::Access;
 
@@ -245,7 +247,7 @@ Status FileBatch::Flush() {
   constexpr int64_t kAtOnce = 64;  // handles of a thread
   const int64_t groups = (std::ssize(paths_) + kAtOnce - 1) / kAtOnce;
   std::vector<Status> results(static_cast<size_t>(groups));
-  ParallelFor(0, std::ssize(paths_), kAtOnce, 0, [&](int64_t first, int64_t last) {
+  ParallelFor(0, std::ssize(paths_), kAtOnce, kMostThreads, [&](int64_t first, int64_t last) {
     const auto begin = static_cast<size_t>(first), count = static_cast<size_t>(last - first);
     results[static_cast<size_t>(first / kAtOnce)] =
         FlushTemporaries(files_, std::span(paths_).subspan(begin, count));
@@ -256,8 +258,35 @@ Status FileBatch::Flush() {
   return absl::OkStatus();
 }
 
+Status FileBatch::PublishUnordered(std::set<std::string>* directories) {
+  constexpr int64_t kAtOnce = 64;
+  const auto count = static_cast<int64_t>(std::exchange(unordered_, 0));
+  if (count <= kAtOnce) {
+    return absl::OkStatus();  // in turn, with the others
+  }
+  std::vector<Status> results(static_cast<size_t>((count + kAtOnce - 1) / kAtOnce));
+  ParallelFor(0, count, kAtOnce, kMostThreads, [&](int64_t first, int64_t last) {
+    Status& result = results[static_cast<size_t>(first / kAtOnce)];
+    for (int64_t i = first; result.ok() && i < last; ++i) {
+      const std::string& path = paths_[static_cast<size_t>(i)];
+      if (const int renamed = files_.Rename(TemporaryName(path), path); renamed < 0) {
+        result = ErrnoStatus(-renamed, "cannot rename to", path);
+      }
+    }
+  });
+  for (const Status& result : results) {
+    FOVEA_RETURN_IF_ERROR(result);
+  }
+  const auto end = paths_.begin() + count;
+  std::for_each(paths_.begin(), end,
+                [&](const std::string& path) { directories->insert(DirectoryOf(path)); });
+  paths_.erase(paths_.begin(), end);
+  return absl::OkStatus();
+}
+
 Status FileBatch::Publish() {
   std::set<std::string> directories;
+  FOVEA_RETURN_IF_ERROR(PublishUnordered(&directories));
   std::reverse(paths_.begin(), paths_.end());  // published ones leave at the end
   while (!paths_.empty()) {
     const std::string path = paths_.back();
@@ -285,6 +314,7 @@ void FileBatch::Discard() {
     [[maybe_unused]] const int removed = files_.Remove(TemporaryName(path));
   }
   paths_.clear();
+  unordered_ = 0;
 }
 
 namespace {

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -118,6 +119,8 @@ class FileBatch {
   [[nodiscard]] Status Write(const std::string& path, std::span<const std::byte> bytes);
   /// Takes the files of another batch over, behind its own.
   void Absorb(FileBatch* other);
+  /// The files so far have no order among themselves, but are renamed before all that follow.
+  void EndUnordered() { unordered_ = paths_.size(); }
   [[nodiscard]] Status Flush();
   /// Renames in the order of adding. The last file is the commit: it is renamed once the
   /// directories of all others are flushed, and then its own is.
@@ -128,7 +131,11 @@ class FileBatch {
 
  private:
   FileSystem& files_;
+  /// Renames many unordered files with all threads.
+  [[nodiscard]] Status PublishUnordered(std::set<std::string>* directories);
+
   std::vector<std::string> paths_;  // final names, not yet published
+  size_t unordered_ = 0;            // the first of them that have no order
 };
 
 /// The right to write to a store: a lock on a file in it that says host, process and since when.

@@ -170,19 +170,11 @@ class BinCounter {
  public:
   BinCounter(double minimum, double scale) : minimum_(minimum), scale_(scale) {}
   void Add(std::span<const float> values) {
-    std::array<int32_t, kStrip> bins;
-    for (size_t i = 0; i < values.size(); i += kStrip) {
-      const std::span<const float> strip = values.subspan(i, std::min(kStrip, values.size() - i));
-      if (IsOneValue(strip)) {  // as in most of what surrounds things
-        tables_[0][static_cast<size_t>(BinOf(strip[0]))] += strip.size();
-        continue;
-      }
-      for (size_t k = 0; k < strip.size(); ++k) {
-        bins[k] = BinOf(strip[k]);
-      }
-      for (size_t k = 0; k < strip.size(); ++k) {
-        ++tables_[k % kTables][static_cast<size_t>(bins[k])];
-      }
+    for (; values.size() >= kStrip; values = values.subspan(kStrip)) {
+      AddStrip(values.first<kStrip>());
+    }
+    for (const float value : values) {
+      ++tables_[0][static_cast<size_t>(BinOf(value))];
     }
   }
   void AddTo(std::array<uint64_t, kBins>* histogram) const {
@@ -194,11 +186,27 @@ class BinCounter {
   }
   /// NaN, which has none, is counted in the first.
   [[nodiscard]] int32_t BinOf(float value) const {
-    return static_cast<int32_t>(std::min(std::max(0.0, (value - minimum_) * scale_), kBins - 1.0));
+    const double at = (value - minimum_) * scale_;
+    const double low = at > 0.0 ? at : 0.0;
+    return static_cast<int32_t>(low < kBins - 1.0 ? low : kBins - 1.0);
   }
 
  private:
   static constexpr size_t kStrip = 32;
+  void AddStrip(std::span<const float, kStrip> strip) {
+    if (IsOneValue(strip)) {  // as in most of what surrounds things
+      tables_[0][static_cast<size_t>(BinOf(strip[0]))] += strip.size();
+      return;
+    }
+    std::array<int32_t, kStrip> bins;
+    for (size_t k = 0; k < kStrip; ++k) {
+      bins[k] = BinOf(strip[k]);
+    }
+    for (size_t k = 0; k < kStrip; ++k) {
+      ++tables_[k % kTables][static_cast<size_t>(bins[k])];
+    }
+  }
+
   static constexpr size_t kTables = 4;
   double minimum_, scale_;
   std::array<std::array<uint64_t, kBins>, kTables> tables_{};

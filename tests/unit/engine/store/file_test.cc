@@ -118,19 +118,53 @@ TEST(Files, AnOpenDirectoryIsMeantWhateverItIsCalled) {
   EXPECT_EQ(*ReadText(RealFileSystem(), folder.Path("new") + "/b"), "2");
 }
 
-TEST(Files, EveryOneOfManyIsFlushed) {
+constexpr int kMany = 300;  // so many that all threads have some
+
+/// Many files without an order, and one behind them.
+Status WriteMany(FileBatch* batch) {
+  for (int i = 0; i < kMany; ++i) {
+    FOVEA_RETURN_IF_ERROR(batch->Write("d/" + std::to_string(i), Bytes(std::to_string(i))));
+  }
+  batch->EndUnordered();
+  return batch->Write("d/last", Bytes("last"));
+}
+
+TEST(Files, EveryOneOfManyIsFlushedAndRenamed) {
   SimulatedDisk disk;
   ASSERT_OK(MakeDirectory(disk, "d"));
   ASSERT_OK(FlushDirectory(disk, ""));
   FileBatch batch(disk);
-  for (int i = 0; i < 300; ++i) {
-    ASSERT_OK(batch.Write("d/" + std::to_string(i), Bytes(std::to_string(i))));
-  }
+  ASSERT_OK(WriteMany(&batch));
   ASSERT_OK(batch.Flush());
   ASSERT_OK(batch.Publish());
   const auto files = disk.AfterPowerCut([](size_t) { return false; }, Kept::kNone)->Files();
-  for (int i = 0; i < 300; ++i) {
+  EXPECT_EQ(files.size(), static_cast<size_t>(kMany) + 1);
+  for (int i = 0; i < kMany; ++i) {
     EXPECT_EQ(files.at("d/" + std::to_string(i)), Bytes(std::to_string(i)));
+  }
+}
+
+TEST(Files, OfManyNoneFollowsOneThatFails) {
+  for (const Operation operation : {Operation::kFlush, Operation::kRename}) {
+    for (const std::string name : {"d/0", "d/150", "d/299"}) {
+      SimulatedDisk disk;
+      ASSERT_OK(MakeDirectory(disk, "d"));
+      FileBatch batch(disk);
+      ASSERT_OK(WriteMany(&batch));
+      disk.set_fault([&](const SimulatedDisk::Call& call) {
+        const std::string at = operation == Operation::kRename ? name : TemporaryName(name);
+        return call.operation == operation && call.path == at ? -EIO : 0;
+      });
+      Status status = batch.Flush();
+      status = status.ok() ? batch.Publish() : status;
+      EXPECT_THAT(status, FailsWith(absl::StatusCode::kDataLoss, name.substr(2)));
+      batch.Discard();
+      const auto files = disk.AfterKill()->Files();
+      EXPECT_FALSE(files.contains("d/last"));
+      for (const auto& [path, bytes] : files) {
+        EXPECT_FALSE(IsTemporaryName(path.substr(2))) << path;
+      }
+    }
   }
 }
 
