@@ -102,8 +102,9 @@ Status Dump(const std::string& folder) {
   std::filesystem::remove_all(path);
   // Odd sizes; detail_2 has 75 x 21 x 19 coefficients: 10 x 3 x 3 chunks in two shards.
   const Int3 dims{150, 41, 37};
-  FOVEA_RETURN_IF_ERROR(
-      testing::MakeStore(path, testing::MakeInfo(dims, 8, {"density", "heat"}), kSteps));
+  DatasetInfo info = testing::MakeInfo(dims, 8, {"density", "heat"});
+  info.fields[1].type = "int16";
+  FOVEA_RETURN_IF_ERROR(testing::MakeStore(path, info, kSteps));
   FOVEA_ASSIGN_OR_RETURN(const auto dataset, Dataset::Open(path));
   json windows = json::array();
   for (const char* field : {"density", "heat"}) {

@@ -1,7 +1,6 @@
 #include "engine/store/dataset.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -27,6 +26,7 @@ using testing::MakeStep;
 using testing::MakeStore;
 using testing::StepData;
 using testing::TemporaryFolder;
+using testing::WholeStep;
 
 struct Shape {
   Int3 dims;
@@ -166,30 +166,11 @@ std::string TextOf(const std::string& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-/// Whole numbers that int16 holds, some of them below 0.
-StepData WholeStep(const Int3& dims, int64_t edge) {
-  StepData data = MakeStep(dims, edge, 0);
-  const auto round = [](std::vector<float>* values) {
-    for (float& value : *values) {
-      value = std::clamp(std::round(100 * value), -32767.0F, 32767.0F);
-    }
-  };
-  data.coefficients.basis.integer = true;
-  round(&data.coefficients.coarse.values);
-  for (BrickGrid& detail : data.coefficients.detail) {
-    const BrickGrid before = detail;
-    for (const auto& [at, brick] : before.bricks()) {
-      round(&detail.Touch({at[2], at[1], at[0]}));
-    }
-  }
-  return data;
-}
-
 /// Stores of format version 1 hold whole numbers as they are; they are read, and appended to so.
 TEST(Dataset, ReadsAndAppendsToStoresOfTheFirstFormat) {
   TemporaryFolder folder;
   const Int3 dims{37, 50, 81};
-  const StepData data = WholeStep(dims, 8);
+  const StepData data = WholeStep(dims, 8, 0);
   MemorySource memory(data.coefficients);
   for (const int version : {1, kFormatVersion}) {
     DatasetInfo info = MakeInfo(dims, 8);

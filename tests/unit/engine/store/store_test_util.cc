@@ -11,6 +11,7 @@
 
 #include "engine/store/file.h"
 #include "engine/store/metadata.h"
+#include "engine/store/stored_type.h"
 #include "engine/wavelet/haar.h"
 
 namespace fovea::store::testing {
@@ -69,12 +70,31 @@ DatasetInfo MakeInfo(const Int3& dims, int64_t chunk_edge, const std::vector<std
   return info;
 }
 
+StepData WholeStep(const Int3& dims, int64_t chunk_edge, int seed) {
+  StepData data = MakeStep(dims, chunk_edge, seed);
+  const auto round = [](std::vector<float>* values) {
+    for (float& value : *values) {
+      value = std::clamp(std::round(100 * value), -32767.0F, 32767.0F);
+    }
+  };
+  data.coefficients.basis.integer = true;
+  round(&data.coefficients.coarse.values);
+  for (BrickGrid& detail : data.coefficients.detail) {
+    const BrickGrid before = detail;
+    for (const auto& [at, brick] : before.bricks()) {
+      round(&detail.Touch({at[2], at[1], at[0]}));
+    }
+  }
+  return data;
+}
+
 Status WriteSteps(DatasetWriter* writer, int64_t steps) {
   const DatasetInfo info = writer->info();
   for (int64_t i = 0; i < steps; ++i) {
     const int64_t step = writer->info().committed_steps;
-    const StepData data = MakeStep(info.hierarchy.dims(), info.chunk_edge, static_cast<int>(step));
     for (const FieldInfo& field : info.fields) {
+      const auto make = IsIntegerType(field.type) ? WholeStep : MakeStep;
+      const StepData data = make(info.hierarchy.dims(), info.chunk_edge, static_cast<int>(step));
       FOVEA_RETURN_IF_ERROR(writer->WriteField(field.name, data.coefficients, data.stats));
     }
     const auto frame_number = step % 2 == 0 ? std::optional(100 + step) : std::nullopt;

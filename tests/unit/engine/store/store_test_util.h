@@ -34,11 +34,15 @@ struct StepData {
 /// A soft moving ball in emptiness, with noise inside it that is never the same twice: `seed`.
 [[nodiscard]] StepData MakeStep(const Int3& dims, int64_t chunk_edge, int seed);
 
+/// The same as whole numbers that int16 holds.
+[[nodiscard]] StepData WholeStep(const Int3& dims, int64_t chunk_edge, int seed);
+
 /// float32 fields of a volume; everything else as it comes.
 [[nodiscard]] DatasetInfo MakeInfo(const Int3& dims, int64_t chunk_edge,
                                    const std::vector<std::string>& fields = {"density"});
 
-/// Writes `steps` steps of every field, MakeStep(dims, edge, seed = step) each, 1 s apart.
+/// Writes `steps` steps of every field, MakeStep(dims, edge, seed = step) each, or WholeStep where
+/// its type is one of whole numbers, 1 s apart.
 [[nodiscard]] Status WriteSteps(DatasetWriter* writer, int64_t steps);
 
 /// Creates a store and writes into it.
