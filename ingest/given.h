@@ -44,6 +44,9 @@ struct PlannedSeries {
 /// The same of a text.
 [[nodiscard]] std::string IdentityOf(const std::string& text);
 
+/// Bytes of the files that the steps of the plan are read from.
+[[nodiscard]] uint64_t InputBytes(const std::vector<ScannedFile>& files, const SeriesPlan& plan);
+
 }  // namespace fovea::ingest
 
 #endif  // INGEST_GIVEN_H_

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <set>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -66,7 +65,6 @@ class Run {
   Status TakeUp(bool from_voxels);
   Status GoOnWithStore(bool from_voxels);
   [[nodiscard]] store::DatasetInfo NewInfo() const;
-  [[nodiscard]] uint64_t InputBytes() const;
   Status ScanAndPlan(const std::optional<ExistingStore>& existing, bool from_voxels);
   Status WriteSteps(bool from_voxels);
   Status WriteStep(const PlannedStep& step, StepReader* reader);
@@ -111,7 +109,7 @@ class Run {
 Status Run::Execute(bool from_voxels) {
   FOVEA_RETURN_IF_ERROR(Plan(from_voxels));
   FOVEA_RETURN_IF_ERROR(TakeUp(from_voxels));
-  report_.input_bytes = InputBytes();
+  report_.input_bytes = InputBytes(scanned_, plan_);
   Status status = WriteSteps(from_voxels);
   if (writer_ != nullptr && !metadata_was_wrong_) {  // what is done stays, whatever happened
     const Status published = PublishSteps();
@@ -427,21 +425,6 @@ Status Run::NeedStore() {
   FOVEA_ASSIGN_OR_RETURN(writer_, store::DatasetWriter::Create(options_.output, NewInfo()));
   made_store_ = true;
   return absl::OkStatus();
-}
-
-/// Of the files that the steps to be made are read from.
-uint64_t Run::InputBytes() const {
-  std::set<std::pair<std::string, int64_t>> files;  // a file that is held is there twice
-  for (const PlannedStep& step : plan_.steps) {
-    for (const FieldSource& source : step.sources) {
-      files.emplace(source.path, scanned_[source.file_set].info.file_bytes);
-    }
-  }
-  uint64_t bytes = 0;
-  for (const auto& [path, file_bytes] : files) {
-    bytes += static_cast<uint64_t>(file_bytes);
-  }
-  return bytes;
 }
 
 void Run::Discard() {

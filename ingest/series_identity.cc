@@ -1,4 +1,6 @@
 #include <filesystem>
+#include <set>
+#include <utility>
 
 #include "ingest/given.h"
 #include "ingest/payload.h"
@@ -38,6 +40,20 @@ std::string SeriesIdentity(const std::vector<ScannedFile>& files, const SeriesPl
     }
   }
   return IdentityOf(text.Take());
+}
+
+uint64_t InputBytes(const std::vector<ScannedFile>& files, const SeriesPlan& plan) {
+  std::set<std::pair<std::string, int64_t>> read;  // a file that is held is there twice
+  for (const PlannedStep& step : plan.steps) {
+    for (const FieldSource& source : step.sources) {
+      read.emplace(source.path, files[source.file_set].info.file_bytes);
+    }
+  }
+  uint64_t bytes = 0;
+  for (const auto& [path, file_bytes] : read) {
+    bytes += static_cast<uint64_t>(file_bytes);
+  }
+  return bytes;
 }
 
 }  // namespace fovea::ingest
