@@ -136,7 +136,7 @@ class ObservedCall final : public grpc::experimental::Interceptor {
     }
     method_.Received(static_cast<int64_t>(message->ByteSizeLong()));
     const std::lock_guard lock(observer_.mutex_);
-    if (dataset_.empty()) {  // streams learn it from their first message
+    if (!ended_ && dataset_.empty()) {  // streams learn it from their first message
       dataset_ = DatasetOf(*message);
     }
   }
@@ -194,7 +194,7 @@ class ObservedCall final : public grpc::experimental::Interceptor {
   const Stopwatch watch_;
   std::atomic<int64_t> bytes_sent_ = 0;
   std::string peer_;
-  bool ended_ = false;
+  bool ended_ = false;            // guarded by the observer's mutex
   std::string client_, dataset_;  // guarded by the observer's mutex until the end
 };
 

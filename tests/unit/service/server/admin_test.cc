@@ -1,12 +1,15 @@
 // The admin port, and whether what it counts is what was called.
 
+#include <algorithm>
 #include <future>
 #include <map>
-#include <regex>
+#include <optional>
 #include <set>
 #include <sstream>
+#include <string_view>
 #include <thread>
 
+#include <absl/strings/numbers.h>
 #include <gmock/gmock.h>
 #include <grpcpp/generic/generic_stub.h>
 #include <httplib.h>
@@ -31,26 +34,70 @@ Reply Get(const std::string& address, const std::string& path) {
   return reply ? Reply{reply->status, reply->body} : Reply{};
 }
 
+constexpr std::string_view kLowercase = "abcdefghijklmnopqrstuvwxyz_";
+
+/// Takes `prefix` off the front of `text`; false if another thing stands there.
+bool Take(std::string_view prefix, std::string_view* text) {
+  const bool there = text->starts_with(prefix);
+  text->remove_prefix(there ? prefix.size() : 0);
+  return there;
+}
+
+/// Takes the letters of a name off the front of `text`; false if there are none.
+bool TakeName(std::string_view* text) {
+  const size_t end = std::min(text->find_first_not_of(kLowercase), text->size());
+  text->remove_prefix(end);
+  return end > 0;
+}
+
+/// Takes `{name="value",name="value"}` off the front, without escapes in values; false if another
+/// thing stands there.
+bool TakeLabels(std::string_view* text) {
+  do {
+    text->remove_prefix(1);  // { or ,
+    if (!TakeName(text) || !Take("=\"", text)) {
+      return false;
+    }
+    text->remove_prefix(std::min(text->find_first_of("\"\\"), text->size()));
+    if (!Take("\"", text)) {
+      return false;
+    }
+  } while (text->starts_with(','));
+  return Take("}", text);
+}
+
+/// `name{labels} value`, the labels or not; nullopt if the line is anything else.
+std::optional<std::pair<std::string, double>> ParseSample(std::string_view line) {
+  std::string_view rest = line;
+  if (!TakeName(&rest) || (rest.starts_with('{') && !TakeLabels(&rest))) {
+    return std::nullopt;
+  }
+  const std::string_view name = line.substr(0, line.size() - rest.size());
+  double value = 0;
+  if (!Take(" ", &rest) ||
+      (rest != "+Inf" && rest.find_first_not_of("-+0123456789.e") != std::string_view::npos) ||
+      !absl::SimpleAtod({rest.data(), rest.size()}, &value)) {
+    return std::nullopt;
+  }
+  return std::pair(std::string(name), value);
+}
+
 /// Prometheus' text format, read strictly: samples by name and labels as they stand. Every family
 /// has help and a type before its samples, once, and every value is a number.
 std::map<std::string, double> Parse(const std::string& text) {
-  static const std::regex sample(
-      R"re(([a-z_]+)(\{[a-z_]+="[^"\\]*"(,[a-z_]+="[^"\\]*")*\})? ([-+0-9.e]+|\+Inf))re");
   std::map<std::string, double> samples;
   std::set<std::string> families;
   std::string family;
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {
-    std::smatch match;
     if (line.starts_with("# HELP ")) {
       family = line.substr(7, line.find(' ', 7) - 7);
       EXPECT_TRUE(families.insert(family).second) << line;
     } else if (line.starts_with("# TYPE ")) {
       EXPECT_TRUE(line.starts_with("# TYPE " + family + " ")) << line;
-    } else if (std::regex_match(line, match, sample)) {
-      EXPECT_TRUE(match[1].str().starts_with(family)) << line;
-      EXPECT_TRUE(samples.emplace(match[1].str() + match[2].str(), std::stod(match[4])).second)
-          << line;
+    } else if (const auto sample = ParseSample(line)) {
+      EXPECT_TRUE(sample->first.starts_with(family)) << line;
+      EXPECT_TRUE(samples.insert(*sample).second) << line;
     } else {
       ADD_FAILURE() << "not in the format: " << line;
     }
