@@ -41,7 +41,7 @@ FOREIGN = {
     "grpc/": ["service/server", "service/client", "service/wire"],
     "google/protobuf": ["service/server", "service/client", "service/wire"],
     "sqlite3.h": ["service/jobs"],
-    "CLI/": ["service/cli", "service/server", "ingest/worker"],
+    "CLI/": ["service/cli", "ingest/worker"],
     "spdlog/": ["service", "ingest"],
     "prometheus/": ["service/server"],
     "httplib.h": ["service/server"],

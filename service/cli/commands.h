@@ -124,7 +124,9 @@ struct PlanCommand {
   int64_t step = 0;
   frames::FrameSpec spec;
   frames::FrameBudget budget;  // anything in it: the largest rate within it
-  int threads = 0;
+  int threads = 0;             // none with a server, which counts its own
+  std::optional<std::string> server;
+  client::Credentials credentials;  // for the server
 };
 
 struct RenderCommand {
@@ -186,6 +188,8 @@ struct JobsCommand {
   client::ExportRequest shot;  // steps and animation not filled in
   StepRange steps;
   std::optional<std::string> animation_file;
+  std::optional<double> orbit_deg;
+  std::optional<int64_t> orbit_frames;
 };
 
 struct TokenCommand {

@@ -5,13 +5,12 @@
 
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/orbit.h"
 #include "service/cli/picture_source.h"
 #include "service/export/exporter.h"
 
 namespace fovea::cli {
 namespace {
-
-constexpr int64_t kOrbitFramesOfOneStep = 120;
 
 StatusOr<frames::Animation> ReadAnimation(const std::string& path) {
   constexpr size_t kMaxBytes = 16 << 20;
@@ -25,19 +24,6 @@ StatusOr<frames::Animation> ReadAnimation(const std::string& path) {
   auto animation = frames::Animation::Parse(text);
   return animation.ok() ? std::move(animation)
                         : Annotate(animation.status(), fmt::format("--animation: {}", path));
-}
-
-/// `spec` is resolved, `steps` is how many the range holds.
-frames::Animation OrbitOf(const ExportCommand& command, const frames::FrameSpec& spec,
-                           const Matrix4& index_to_world, int64_t steps) {
-  const int64_t usual = steps == 1 ? kOrbitFramesOfOneStep : steps;
-  const int64_t frames = command.orbit_frames.value_or(usual);
-  if (spec.view.perspective) {
-    return frames::Animation::Orbit(*spec.view.perspective, index_to_world, *command.orbit_deg,
-                                     frames);
-  }
-  return frames::Animation::Orbit(*spec.view.azimuth_deg, *spec.view.elevation_deg,
-                                   *command.orbit_deg, frames);
 }
 
 void PrintReport(const ExportCommand& command, const exports::ExportReport& report,
@@ -104,9 +90,8 @@ Status Run(const ExportCommand& command) {
   FOVEA_ASSIGN_OR_RETURN(options.spec, provider->Resolve(command.spec));
   const store::DatasetInfo& info = provider->info();
   if (command.orbit_deg) {
-    const int64_t last = command.steps.last.value_or(info.committed_steps - 1);
-    options.animation = OrbitOf(command, options.spec, info.index_to_world,
-                                (last - command.steps.first) / command.steps.stride + 1);
+    options.animation = MakeOrbit({*command.orbit_deg, command.orbit_frames}, options.spec,
+                                  info.index_to_world, command.steps, info.committed_steps);
   }
   const std::string flags = PinningFlags(options.spec, info.hierarchy.dims());
   if (!command.output.json) {

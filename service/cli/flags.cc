@@ -240,6 +240,18 @@ void AddStepsFlag(CLI::App* app, StepRange* steps) {
             "Steps A to B, B included, every S-th (default: all)");
 }
 
+void AddOrbitFlags(CLI::App* app, std::optional<double>* degrees, std::optional<int64_t>* frames) {
+  app->add_option("--orbit", *degrees, "Turn the view by so many degrees of azimuth")
+      ->excludes("--animation")
+      ->check(Within(-36000, 36000))
+      ->type_name("DEGREES");
+  app->add_option("--orbit-frames", *frames,
+                  "Frames of the turn (default: one a step, or 120 of a single step)")
+      ->needs("--orbit")
+      ->check(Whole(1, 1'000'000))
+      ->type_name("N");
+}
+
 void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec) {
   AddFieldFlag(app, &spec->field);
   AddFoveaFlags(app, &spec->fovea, &spec->rate, &spec->window);

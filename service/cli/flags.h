@@ -23,6 +23,8 @@ void AddFieldFlag(CLI::App* app, std::optional<std::string>* field);
 void AddFoveaFlags(CLI::App* app, std::optional<frames::Position>* fovea, std::optional<Rate>* rate,
                    std::optional<WindowShape>* window);
 void AddStepsFlag(CLI::App* app, StepRange* steps);
+/// --orbit, --orbit-frames: instead of --animation, which must be there already.
+void AddOrbitFlags(CLI::App* app, std::optional<double>* degrees, std::optional<int64_t>* frames);
 /// --view, --span, --center, --size, --transfer and everything else a picture is made of.
 void AddPictureFlags(CLI::App* app, frames::FrameSpec* spec);
 /// How foreign files are to be read: --raw and its like.

@@ -5,6 +5,8 @@
 
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/cli/orbit.h"
+#include "service/export/frame_provider.h"
 
 namespace fovea::cli {
 namespace {
@@ -13,6 +15,8 @@ using client::Job;
 using client::JobKind;
 using client::JobState;
 using nlohmann::json;
+
+constexpr size_t kMaxAnimationBytes = size_t{512} << 10;  // as much as a server takes
 
 /// As the proto writes it.
 const char* NameOf(JobState state) {
@@ -202,16 +206,32 @@ Status Watch(const JobsCommand& command, client::JobsClient& server, const std::
 }
 
 Status ReadAnimation(const std::string& path, std::string* text) {
-  constexpr size_t kMaxBytes = size_t{512} << 10;  // as much as a server takes
   std::ifstream file(path, std::ios::binary);
   if (!file) {
     return NotFound("--animation: cannot open {}", path);
   }
-  text->resize(kMaxBytes + 1);
+  text->resize(kMaxAnimationBytes + 1);
   file.read(text->data(), static_cast<std::streamsize>(text->size()));
   text->resize(static_cast<size_t>(file.gcount()));
-  return text->size() > kMaxBytes ? InvalidArgument("--animation: {} has more than 512 KiB", path)
-                                  : absl::OkStatus();
+  return text->size() > kMaxAnimationBytes
+             ? InvalidArgument("--animation: {} has more than 512 KiB", path)
+             : absl::OkStatus();
+}
+
+/// The server says from where it turns.
+Status AskOrbit(const JobsCommand& command, std::string* text) {
+  FOVEA_ASSIGN_OR_RETURN(const auto provider,
+                         exports::OpenRemote(*command.server, command.credentials,
+                                             command.shot.dataset, exports::Transport::kPictures));
+  FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec resolved, provider->Resolve(command.shot.spec));
+  const store::DatasetInfo& info = provider->info();
+  *text = OrbitJson(MakeOrbit({*command.orbit_deg, command.orbit_frames}, resolved,
+                              info.index_to_world, command.steps, info.committed_steps));
+  return text->size() > kMaxAnimationBytes
+             ? InvalidArgument(
+                   "--orbit-frames: a camera that turns in so many frames is described "
+                   "in more than 512 KiB; ask for fewer")
+             : absl::OkStatus();
 }
 
 StatusOr<Job> BeginExport(const JobsCommand& command, client::JobsClient& server) {
@@ -221,6 +241,9 @@ StatusOr<Job> BeginExport(const JobsCommand& command, client::JobsClient& server
   request.stride = command.steps.stride;
   if (command.animation_file) {
     FOVEA_RETURN_IF_ERROR(ReadAnimation(*command.animation_file, &request.animation_json));
+  }
+  if (command.orbit_deg) {
+    FOVEA_RETURN_IF_ERROR(AskOrbit(command, &request.animation_json));
   }
   return server.Export(request);
 }

@@ -106,8 +106,9 @@ void AddJobsExport(CLI::App* jobs, JobsCommand* command) {
   CLI::App* app = AddVerb(
       jobs, "export", "Begin a job: a dataset of the server to pictures or a movie there",
       "  fovea jobs export smoke -o 'smoke/f.####.png' --server 127.0.0.1:50051\n"
-      "  fovea jobs export smoke -o turn.mp4 --animation turn.json --size 1280x720 \\\n"
+      "  fovea jobs export smoke -o shot.mp4 --animation shot.json --size 1280x720 \\\n"
       "    --server 127.0.0.1:50051 --watch\n"
+      "  fovea jobs export smoke -o turn.mp4 --orbit 360 --server 127.0.0.1:50051 --watch\n"
       "Files appear below the server's export root (`fovea serve --export-root DIR`). What is "
       "left\n"
       "out is chosen by the dataset, now. The same command again keeps the pictures that are "
@@ -126,6 +127,7 @@ void AddJobsExport(CLI::App* jobs, JobsCommand* command) {
   app->add_option("--animation", command->animation_file,
                   "Keyframes of view, fovea, rate, step: a file on this machine")
       ->type_name("FILE.json");
+  AddOrbitFlags(app, &command->orbit_deg, &command->orbit_frames);
   app->add_option("--fps", request.frames_per_second,
                   "Of a movie (default: from the times of the steps, or 24)")
       ->check(Within(0.01, 1000))

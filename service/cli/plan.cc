@@ -1,10 +1,13 @@
 #include "service/frames/plan.h"
 
+#include <utility>
+
 #include <nlohmann/json.hpp>
 
 #include "engine/store/dataset.h"
 #include "service/cli/commands.h"
 #include "service/cli/console.h"
+#include "service/client/client.h"
 #include "service/frames/frames.h"
 #include "service/frames/spec_json.h"
 
@@ -50,25 +53,42 @@ void Print(const PlanCommand& command, const frames::FramePlan& plan, const std:
                   plan.time.render_ms, plan.time.smooth_warp_ms, plan.threads));
 }
 
-}  // namespace
+struct Planned {
+  frames::FramePlan plan;
+  Int3 dims;  // of the dataset
+};
 
-Status Run(const PlanCommand& command) {
+StatusOr<Planned> PlanHere(const PlanCommand& command) {
   FOVEA_ASSIGN_OR_RETURN(const auto dataset, store::Dataset::Open(command.dataset));
   FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec defaults, frames::DefaultSpec(*dataset));
   FOVEA_ASSIGN_OR_RETURN(const frames::FrameSpec resolved,
                          frames::ResolveSpec(*dataset, command.spec, defaults));
   FOVEA_ASSIGN_OR_RETURN(
-      const frames::FramePlan plan,
+      frames::FramePlan plan,
       command.budget.IsEmpty()
           ? frames::PlanFrame(*dataset, command.step, resolved, command.threads)
           : frames::PlanWithin(*dataset, command.step, resolved, command.budget, command.threads));
-  const std::string flags = PinningFlags(plan.used, dataset->info().hierarchy.dims());
-  FOVEA_ASSIGN_OR_RETURN(const RetainedSet retained,
-                         RetainedSet::Make(dataset->info().hierarchy, frames::FoveaOf(plan.used)));
-  const std::optional<frames::Warning> warning =
-      frames::RetentionWarning(dataset->info(), retained);
-  if (warning) {
-    Warn(warning->message);
+  return Planned{std::move(plan), dataset->info().hierarchy.dims()};
+}
+
+StatusOr<Planned> PlanThere(const PlanCommand& command) {
+  FOVEA_ASSIGN_OR_RETURN(const auto client,
+                         client::Client::Connect(*command.server, command.credentials));
+  FOVEA_ASSIGN_OR_RETURN(frames::FramePlan plan, client->PlanFrame(command.dataset, command.step,
+                                                                   command.spec, command.budget));
+  FOVEA_ASSIGN_OR_RETURN(const client::DatasetSummary summary, client->GetDataset(command.dataset));
+  return Planned{std::move(plan), summary.info.hierarchy.dims()};
+}
+
+}  // namespace
+
+Status Run(const PlanCommand& command) {
+  FOVEA_ASSIGN_OR_RETURN(const Planned planned,
+                         command.server ? PlanThere(command) : PlanHere(command));
+  const frames::FramePlan& plan = planned.plan;
+  const std::string flags = PinningFlags(plan.used, planned.dims);
+  for (const frames::Warning& warning : plan.warnings) {
+    Warn(warning.message);
   }
   if (command.output.json) {
     PrintJson(ToJson(command, plan, flags));

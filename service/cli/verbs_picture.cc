@@ -37,9 +37,11 @@ CLI::App* AddPlan(CLI::App* app, PlanCommand* command) {
       "  fovea plan smoke.zarr --step 3 --fovea 19,19,20 --rate 40 --size 1024x1024\n"
       "  fovea plan smoke.zarr --budget-ms 16 --json\n"
       "  fovea plan smoke.zarr --budget-memory 64MiB --budget-bytes 2MiB\n"
+      "  fovea plan --server 127.0.0.1:50051 smoke --budget-ms 16\n"
       "From metadata alone. Coefficients, samples, chunks and bytes are exact, memory is an upper\n"
       "bound, milliseconds are a prediction. Of several budgets the tightest counts.");
   AddDataset(verb, &command->dataset);
+  AddServerFlags(verb, &command->server, &command->credentials);
   verb->add_option("--step", command->step, "Which step, from 0 (default 0)")
       ->check(Whole(0))
       ->type_name("N");
@@ -60,6 +62,7 @@ CLI::App* AddPlan(CLI::App* app, PlanCommand* command) {
       ->type_name("M");
   AddPictureFlags(verb, &command->spec);
   AddThreadsFlag(verb, &command->threads);
+  verb->get_option("--threads")->excludes("--server");
   AddOutputFlags(verb, &command->output);
   return verb;
 }
@@ -138,15 +141,7 @@ CLI::App* AddExport(CLI::App* app, ExportCommand* command) {
       ->type_name("FILE");
   verb->add_option("--animation", command->animation_file, "Keyframes of view, fovea, rate, step")
       ->type_name("FILE.json");
-  verb->add_option("--orbit", command->orbit_deg, "Turn the view by so many degrees of azimuth")
-      ->excludes("--animation")
-      ->check(Within(-36000, 36000))
-      ->type_name("DEGREES");
-  verb->add_option("--orbit-frames", command->orbit_frames,
-                   "Frames of the turn (default: one a step, or 120 of a single step)")
-      ->needs("--orbit")
-      ->check(Whole(1, 1'000'000))
-      ->type_name("N");
+  AddOrbitFlags(verb, &command->orbit_deg, &command->orbit_frames);
   verb->add_option("--fps", command->frames_per_second,
                    "Of a movie (default: from the times of the steps, or 24)")
       ->type_name("R");

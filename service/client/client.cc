@@ -96,6 +96,9 @@ class GrpcClient final : public Client {
   Status DeleteDataset(const std::string& dataset) override;
   StatusOr<frames::Frame> RenderFrame(const std::string& dataset, int64_t step,
                                       const frames::FrameSpec& spec) override;
+  StatusOr<frames::FramePlan> PlanFrame(const std::string& dataset, int64_t step,
+                                        const frames::FrameSpec& spec,
+                                        const frames::FrameBudget& budget) override;
   Status RenderSequence(const SequenceRequest& request,
                         const std::function<bool(const frames::Frame&)>& on_frame) override;
   Status StreamCoefficients(
@@ -204,6 +207,35 @@ StatusOr<frames::Frame> GrpcClient::RenderFrame(const std::string& dataset, int6
   FOVEA_RETURN_IF_ERROR(
       Explain(wire::FromGrpc(render_->RenderFrame(&context, request, &response))));
   return Receive(std::move(response), 0, false);
+}
+
+StatusOr<frames::FramePlan> GrpcClient::PlanFrame(const std::string& dataset, int64_t step,
+                                                  const frames::FrameSpec& spec,
+                                                  const frames::FrameBudget& budget) {
+  FOVEA_RETURN_IF_ERROR(CheckRequest(step, spec));
+  grpc::ClientContext context;
+  Prepare(&context);
+  v1::PlanFrameRequest request;
+  request.set_dataset(dataset);
+  request.set_step(static_cast<uint64_t>(step));
+  *request.mutable_spec() = wire::ToProto(spec);
+  if (budget.ms) {
+    request.mutable_budget()->set_total_ms(*budget.ms);
+  }
+  if (budget.memory_bytes) {
+    request.mutable_budget()->set_memory_bytes(*budget.memory_bytes);
+  }
+  if (budget.bytes_read) {
+    request.mutable_budget()->set_bytes_read(*budget.bytes_read);
+  }
+  if (budget.coefficients) {
+    request.mutable_budget()->set_coefficients(*budget.coefficients);
+  }
+  v1::FramePlan response;
+  FOVEA_RETURN_IF_ERROR(Explain(wire::FromGrpc(render_->PlanFrame(&context, request, &response))));
+  auto plan = wire::FromProto(response);
+  FOVEA_RETURN_IF_ERROR(Explain(plan.status()));
+  return plan;
 }
 
 StatusOr<frames::Frame> GrpcClient::Receive(v1::Frame proto, uint64_t index, bool may_skip) const {

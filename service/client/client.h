@@ -14,6 +14,7 @@
 #include "service/client/reading_sender.h"
 #include "service/client/upload.h"
 #include "service/frames/animation.h"
+#include "service/frames/plan.h"
 #include "service/frames/spec.h"
 #include "service/wire/coefficient_messages.h"
 #include "service/wire/dataset_summary.h"
@@ -78,6 +79,11 @@ class Client : public CoefficientStreams {
   [[nodiscard]] virtual StatusOr<frames::Frame> RenderFrame(const std::string& dataset,
                                                             int64_t step,
                                                             const frames::FrameSpec& spec) = 0;
+  /// What a frame will cost there; with a budget, the largest rate within it. RESOURCE_EXHAUSTED if
+  /// there is none.
+  [[nodiscard]] virtual StatusOr<frames::FramePlan> PlanFrame(
+      const std::string& dataset, int64_t step, const frames::FrameSpec& spec,
+      const frames::FrameBudget& budget) = 0;
   /// Calls `on_frame` for each frame in order and acknowledges it when it returns true; returning
   /// false cancels the stream, and OK is returned. If the connection is lost after a frame came,
   /// the stream is asked for again from the frame after it; likewise if it was above a quota that

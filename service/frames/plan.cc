@@ -54,6 +54,9 @@ StatusOr<FramePlan> Count(const store::DatasetInfo& info, const FrameSpec& resol
   plan.counts = CountFrame(info, retained, resolved);
   plan.coefficients = static_cast<uint64_t>(retained.CoefficientCount());
   plan.time = render::PredictTime(plan.counts, 0, 0, plan.threads);
+  if (std::optional<Warning> warning = RetentionWarning(info, retained)) {
+    plan.warnings.push_back(*std::move(warning));
+  }
   return plan;
 }
 

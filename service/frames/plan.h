@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "engine/base/status.h"
 #include "engine/render/plan.h"
@@ -20,6 +21,8 @@ struct FramePlan {
   render::FrameCounts counts;
   int threads = 1;
   render::FrameTime time;  // predicted, without encoding
+  /// Of the frame, as far as they are known before it: RetentionWarning.
+  std::vector<Warning> warnings;
 };
 
 /// What a frame may cost at most; what is absent is not limited.

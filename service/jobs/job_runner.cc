@@ -382,6 +382,9 @@ void JobRunner::TakeReports(Live* live, const std::vector<Report>& reports, Atte
 
 /// The end of an attempt, which is the job's unless the server stops.
 void JobRunner::Finish(Live* live, const Status& status, Attempt* attempt) {
+  if (!attempt->is_told) {  // its end is told once it is written, which may take a while
+    Tell(live);
+  }
   bool goes_on = false;
   {
     const std::lock_guard lock(mutex_);

@@ -84,7 +84,7 @@ Status CoefficientJob::Open(const wire::CoefficientsRequest& request) {
   auto resolved = frames::ResolveSpec(store, request.spec, defaults);
   FOVEA_RETURN_IF_ERROR(wire::PointAtSpecField(resolved.status(), "spec"));
   set_.used = *std::move(resolved);
-  FOVEA_ASSIGN_OR_RETURN(set_.dataset, dataset_->Summary(/*with_default_spec=*/false));
+  FOVEA_ASSIGN_OR_RETURN(set_.dataset, dataset_->Summary(/*whole=*/false));
   FOVEA_ASSIGN_OR_RETURN(set_.time_ns, store.TimeNs(set_.step));
   FOVEA_ASSIGN_OR_RETURN(set_.frame_number, store.FrameNumber(set_.step));
 

@@ -22,7 +22,7 @@ v1::ListDatasetsResponse List(Catalogue& catalogue, const access::Caller& caller
   const Catalogue::Page page = catalogue.List(
       request.after, request.page_size, [&](const std::string& name) { return caller.Sees(name); });
   for (const auto& dataset : page.datasets) {
-    const auto summary = dataset->Summary(false);
+    const auto summary = dataset->Summary(/*whole=*/false);
     if (!summary.ok()) {
       spdlog::warn("dataset '{}': {}", dataset->name(), MessageOf(summary.status()));
       continue;
@@ -37,7 +37,7 @@ v1::ListDatasetsResponse List(Catalogue& catalogue, const access::Caller& caller
 
 StatusOr<v1::Dataset> Get(Catalogue& catalogue, const std::string& name) {
   FOVEA_ASSIGN_OR_RETURN(const auto dataset, catalogue.Find(name));
-  FOVEA_ASSIGN_OR_RETURN(const wire::DatasetSummary summary, dataset->Summary(true));
+  FOVEA_ASSIGN_OR_RETURN(const wire::DatasetSummary summary, dataset->Summary(/*whole=*/true));
   return wire::ToProto(summary);
 }
 

@@ -53,7 +53,7 @@ StatusOr<frames::FrameSpec> ServedDataset::DefaultSpec() {
   return *defaults_;
 }
 
-StatusOr<wire::DatasetSummary> ServedDataset::Summary(bool with_default_spec) {
+StatusOr<wire::DatasetSummary> ServedDataset::Summary(bool whole) {
   wire::DatasetSummary summary;
   summary.name = name_;
   summary.info = dataset_->info();
@@ -63,9 +63,13 @@ StatusOr<wire::DatasetSummary> ServedDataset::Summary(bool with_default_spec) {
   }
   FOVEA_ASSIGN_OR_RETURN(summary.first_time_ns, dataset_->TimeNs(0));
   FOVEA_ASSIGN_OR_RETURN(summary.last_time_ns, dataset_->TimeNs(steps - 1));
-  if (with_default_spec) {
-    FOVEA_ASSIGN_OR_RETURN(summary.default_spec, DefaultSpec());
+  if (!whole) {
+    for (store::FieldInfo& field : summary.info.fields) {
+      field.lost_steps.clear();
+    }
+    return summary;
   }
+  FOVEA_ASSIGN_OR_RETURN(summary.default_spec, DefaultSpec());
   return summary;
 }
 

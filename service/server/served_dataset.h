@@ -52,8 +52,9 @@ class ServedDataset {
   [[nodiscard]] Status Refresh(bool now);
   /// frames::DefaultSpec of the steps there are now; computed once per number of steps.
   [[nodiscard]] StatusOr<frames::FrameSpec> DefaultSpec();
-  /// What GetDataset returns; without default_spec, what ListDatasets returns.
-  [[nodiscard]] StatusOr<wire::DatasetSummary> Summary(bool with_default_spec);
+  /// What GetDataset returns; if not `whole`, what ListDatasets returns: of many, each must be
+  /// short.
+  [[nodiscard]] StatusOr<wire::DatasetSummary> Summary(bool whole);
 
  private:
   static uint64_t NextId() {

@@ -46,6 +46,8 @@ inline constexpr int kMaxRequestMessageBytes = 1 << 20;
 
 [[nodiscard]] v1::FramePlan ToProto(const std::string& dataset, int64_t step,
                                     const frames::FramePlan& plan);
+/// For clients: what was counted for the intermediate images is not sent. INTERNAL as above.
+[[nodiscard]] StatusOr<frames::FramePlan> FromProto(const v1::FramePlan& proto);
 
 [[nodiscard]] v1::Dataset ToProto(const DatasetSummary& summary);
 /// For clients. INTERNAL as above.

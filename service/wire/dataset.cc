@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <utility>
+#include <vector>
 
 #include "service/wire/convert.h"
 
@@ -21,6 +22,22 @@ StatusOr<Matrix4> MatrixFromProto(const v1::Dataset& proto) {
   return matrix;
 }
 
+/// Ascending, of committed steps; or INTERNAL.
+StatusOr<std::vector<int64_t>> LostStepsFromProto(const v1::Dataset& proto,
+                                                  const v1::Dataset::Field& field) {
+  std::vector<int64_t> steps;
+  uint64_t next = 0;
+  for (const uint64_t step : field.lost_steps()) {
+    if (step < next || step >= proto.committed_steps()) {
+      return Internal("dataset '{}': lost step {} of '{}' is out of order, or not committed",
+                      proto.name(), step, field.name());
+    }
+    next = step + 1;
+    steps.push_back(static_cast<int64_t>(step));
+  }
+  return steps;
+}
+
 }  // namespace
 
 v1::Dataset ToProto(const DatasetSummary& summary) {
@@ -38,6 +55,7 @@ v1::Dataset ToProto(const DatasetSummary& summary) {
     out.set_minimum(field.minimum);
     out.set_maximum(field.maximum);
     out.set_value_unit(field.value_unit);
+    out.mutable_lost_steps()->Add(field.lost_steps.begin(), field.lost_steps.end());
   }
   proto.set_default_field(info.default_field);
   proto.set_wavelet(info.wavelet);
@@ -45,6 +63,7 @@ v1::Dataset ToProto(const DatasetSummary& summary) {
   proto.set_world_unit(info.world_unit);
   proto.set_first_time_ns(summary.first_time_ns);
   proto.set_last_time_ns(summary.last_time_ns);
+  proto.set_clock(info.clock);
   if (summary.default_spec != frames::FrameSpec{}) {
     *proto.mutable_default_spec() = ToProto(summary.default_spec);
   }
@@ -71,6 +90,7 @@ StatusOr<DatasetSummary> FromProto(const v1::Dataset& proto) {
     in.minimum = field.minimum();
     in.maximum = field.maximum();
     in.value_unit = field.value_unit();
+    FOVEA_ASSIGN_OR_RETURN(in.lost_steps, LostStepsFromProto(proto, field));
   }
   info.default_field = proto.default_field();
   info.wavelet = proto.wavelet();
@@ -78,6 +98,7 @@ StatusOr<DatasetSummary> FromProto(const v1::Dataset& proto) {
   info.world_unit = proto.world_unit();
   summary.first_time_ns = proto.first_time_ns();
   summary.last_time_ns = proto.last_time_ns();
+  info.clock = proto.clock();
   if (proto.has_default_spec()) {
     auto spec = FromProto(proto.default_spec(), "default_spec");
     if (!spec.ok()) {

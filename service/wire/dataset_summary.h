@@ -11,8 +11,9 @@ namespace fovea::wire {
 
 /// The plain twin of fovea.v1.Dataset.
 struct DatasetSummary {
-  std::string name;         // path below the server's root, without ".zarr"
-  store::DatasetInfo info;  // origin, clock, retention and chunk_edge are not sent
+  std::string name;  // path below the server's root, without ".zarr"
+  /// Origin, retention and chunk_edge are not sent; lost steps are empty in lists.
+  store::DatasetInfo info;
   int64_t first_time_ns = 0, last_time_ns = 0;  // 0 without a step
   frames::FrameSpec default_spec;               // empty without a step, and in lists
 };

@@ -1,5 +1,9 @@
+#include <algorithm>
+#include <cmath>
+#include <iterator>
 #include <limits>
 #include <utility>
+#include <vector>
 
 #include "engine/render/renderer.h"
 #include "service/frames/encode.h"
@@ -39,6 +43,29 @@ frames::FrameStats FromProto(const v1::FrameStats& proto) {
   stats.smooth_warp_ms = proto.smooth_warp_ms();
   stats.encode_ms = proto.encode_ms();
   return stats;
+}
+
+using WarningsProto = google::protobuf::RepeatedPtrField<v1::Warning>;
+
+void AddWarnings(const std::vector<frames::Warning>& warnings, WarningsProto* proto) {
+  for (const frames::Warning& warning : warnings) {
+    v1::Warning& out = *proto->Add();
+    out.set_code(warning.code == frames::Warning::Code::kNotRetained ? v1::Warning::NOT_RETAINED
+                                                                     : v1::Warning::DATA_LOSS);
+    out.set_message(warning.message);
+    out.set_count(warning.count);
+  }
+}
+
+std::vector<frames::Warning> FromProto(const WarningsProto& proto) {
+  std::vector<frames::Warning> warnings;
+  for (const v1::Warning& warning : proto) {
+    const bool not_retained = warning.code() == v1::Warning::NOT_RETAINED;
+    warnings.push_back(
+        {warning.message(), warning.count(),
+         not_retained ? frames::Warning::Code::kNotRetained : frames::Warning::Code::kDataLoss});
+  }
+  return warnings;
 }
 
 /// Whether the pixels can be what size and encoding say; compressed ones are known by their first
@@ -86,13 +113,7 @@ v1::Frame ToProto(frames::Frame frame) {
   proto.set_pixels(std::move(frame.pixels));
   *proto.mutable_stats() = ToProto(frame.stats);
   proto.set_index(frame.index);
-  for (frames::Warning& warning : frame.warnings) {
-    v1::Warning& out = *proto.add_warnings();
-    out.set_code(warning.code == frames::Warning::Code::kNotRetained ? v1::Warning::NOT_RETAINED
-                                                                     : v1::Warning::DATA_LOSS);
-    out.set_message(std::move(warning.message));
-    out.set_count(warning.count);
-  }
+  AddWarnings(frame.warnings, proto.mutable_warnings());
   return proto;
 }
 
@@ -121,12 +142,7 @@ StatusOr<frames::Frame> FromProto(v1::Frame proto) {
   frame.pixels = std::move(*proto.mutable_pixels());
   frame.stats = FromProto(proto.stats());
   frame.index = proto.index();
-  for (const v1::Warning& warning : proto.warnings()) {
-    const bool not_retained = warning.code() == v1::Warning::NOT_RETAINED;
-    frame.warnings.push_back(
-        {warning.message(), warning.count(),
-         not_retained ? frames::Warning::Code::kNotRetained : frames::Warning::Code::kDataLoss});
-  }
+  frame.warnings = FromProto(proto.warnings());
   return frame;
 }
 
@@ -148,7 +164,38 @@ v1::FramePlan ToProto(const std::string& dataset, int64_t step, const frames::Fr
   proto.set_render_ms(plan.time.render_ms);
   proto.set_smooth_warp_ms(plan.time.smooth_warp_ms);
   proto.set_total_ms(plan.time.Total());
+  AddWarnings(plan.warnings, proto.mutable_warnings());
   return proto;
+}
+
+StatusOr<frames::FramePlan> FromProto(const v1::FramePlan& proto) {
+  auto used = FromProto(proto.used(), "used");
+  if (!used.ok()) {
+    return Internal("a plan that this client does not understand: {}", MessageOf(used.status()));
+  }
+  constexpr auto kMost = static_cast<uint64_t>(std::numeric_limits<int64_t>::max());
+  const uint64_t counts[] = {proto.super_voxels(), proto.samples(), proto.memory_bytes()};
+  const double times[] = {proto.read_ms(), proto.reconstruct_ms(), proto.render_ms(),
+                          proto.smooth_warp_ms()};
+  if (std::any_of(std::begin(counts), std::end(counts), [](auto count) { return count > kMost; }) ||
+      std::any_of(std::begin(times), std::end(times),
+                  [](double ms) { return !(ms >= 0) || !std::isfinite(ms); }) ||
+      proto.threads() < 1 || proto.threads() > std::numeric_limits<int>::max()) {
+    return Internal("a plan with counts or times that none can have");
+  }
+  frames::FramePlan plan;
+  plan.used = *std::move(used);
+  plan.coefficients = proto.coefficients();
+  plan.counts.super_voxels = static_cast<int64_t>(proto.super_voxels());
+  plan.counts.samples = static_cast<int64_t>(proto.samples());
+  plan.counts.memory_bytes = static_cast<int64_t>(proto.memory_bytes());
+  plan.chunks_read = proto.chunks_read();
+  plan.chunks_total = proto.chunks_total();
+  plan.bytes_read = proto.bytes_read();
+  plan.threads = static_cast<int>(proto.threads());
+  plan.time = {proto.read_ms(), proto.reconstruct_ms(), proto.render_ms(), proto.smooth_warp_ms()};
+  plan.warnings = FromProto(proto.warnings());
+  return plan;
 }
 
 }  // namespace fovea::wire

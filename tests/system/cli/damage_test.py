@@ -73,6 +73,8 @@ class Damage(support.FoveaTest):
 
     def test_a_server_says_it_too(self):
         self.damaged("served", ("density/detail_2/c.4.*", 0.1))
+        store = self.damaged("lost", ("density/coarse/c.8.*", 0.5))
+        support.run("repair", store, "--in-place")
         server = subprocess.Popen(
             [support.FOVEA, "serve", str(self.folder / "root"), "--listen", "127.0.0.1:0",
              "--log-level", "off"], stdout=subprocess.PIPE, text=True)
@@ -81,6 +83,12 @@ class Damage(support.FoveaTest):
             flags = ["--server", address, "served", *SIZE, "-o", self.folder / "served.npy"]
             self.warned(self.fovea("render", *flags))
             self.refused(1, "render", *flags, "--strict", says=["detail_2", "step 4"])
+            served = self.fovea_json("info", "--server", address, "lost")
+            local = self.fovea_json("info", store)
+            self.assertEqual(served["fields"], local["fields"])
+            self.assertEqual(served["fields"][0]["lost_steps"], [8])
+            self.assertIn("lost      step 8 of field 'density'",
+                          self.fovea("info", "--server", address, "lost").stdout)
         finally:
             server.kill()
             server.wait()

@@ -16,6 +16,10 @@ class Serve(support.FoveaTest):
         cls.store = cls.root / "lab" / "plume.zarr"
         cls.store.parent.mkdir(parents=True)
         cls.fovea(cls(), "ingest", support.PLUME_SEQUENCE, "-o", cls.store)
+        readings = cls.folder / "readings.csv"
+        readings.write_text("x,y,z,t,value\n1,2,3,0,1\n5,6,7,1,2\n")
+        cls.fovea(cls(), "sensors", readings, "--step-seconds", 1, "--bounds", "0,0,0,8,8,8",
+                  "--voxel", 1, "--clock", "noon", "-o", cls.root / "clocked.zarr")
         cls.log = open(cls.folder / "serve.log", "w", encoding="utf-8")
         cls.server = subprocess.Popen(
             [support.FOVEA, "serve", str(cls.root), "--listen", "127.0.0.1:0", "--log-level", "debug"],
@@ -37,12 +41,45 @@ class Serve(support.FoveaTest):
 
     def test_info_is_the_same_from_both_sides(self):
         listed = self.ask("info")["datasets"]
-        self.assertEqual([dataset["name"] for dataset in listed], ["lab/plume"])
+        self.assertEqual([dataset["name"] for dataset in listed], ["clocked", "lab/plume"])
         served, local = self.ask("info", "lab/plume"), self.fovea_json("info", self.store)
         served.pop("name")
         local.pop("name")
         local.pop("source", None)  # what the dataset was made of is for those who have its files
         self.assertEqual(served, local)
+
+    def test_numbers_that_are_wrong_are_told_in_a_few_words(self):
+        for flag, value, says in (
+                ("--jobs", "9" * 309, "is not a whole number from 1 to 64"),
+                ("--threads", -1, "is not a whole number from 0 to 1024"),
+                ("--render-queue", 0.5, "is not a whole number from 1 to 100000"),
+                ("--drain-seconds", "nan", "is not a whole number from 0 to 86400")):
+            result = support.run("serve", self.root, flag, value)
+            self.assertEqual(result.returncode, 2, result.stderr)
+            self.assertTrue(result.stderr.startswith(f"fovead: {flag}: '{value}' {says}\n"),
+                            result.stderr)
+
+    def test_info_tells_of_the_clock(self):
+        self.assertEqual(self.ask("info", "clocked")["clock"], "noon")
+        said = self.fovea("info", "--server", self.address, "clocked").stdout
+        self.assertIn("(0 is: noon)", said)
+
+    def test_a_plan_is_the_same_from_both_sides(self):
+        for flags in (["--step", 9, "--rate", 12, "--view", "30,20"], ["--budget-ms", 5],
+                      ["--budget-memory", "6MiB", "--budget-bytes", "40KiB"],
+                      ["--fovea", "0.5,0.5,0.5w", "--budget-coefficients", 5000]):
+            served, local = self.ask("plan", "lab/plume", *flags), self.fovea_json("plan", self.store, *flags)
+            self.assertEqual(served.pop("dataset"), "lab/plume")
+            local.pop("dataset")
+            self.assertEqual(served, local)
+        served = self.fovea("plan", "--server", self.address, "lab/plume", "--budget-ms", 5).stdout
+        local = self.fovea("plan", self.store, "--budget-ms", 5).stdout
+        self.assertEqual(served.replace("lab/plume", str(self.store)), local)
+        self.refused(2, "plan", "--server", self.address, "lab/plume", "--threads", 2,
+                     says=["--threads", "--server"])
+        self.refused(1, "plan", "--server", self.address, "lab/plume", "--budget-coefficients", 1,
+                     says=[self.address, "rate 1 already takes"])
+        self.refused(1, "plan", "--server", self.address, "nothing", says=["nothing"])
 
     def test_a_shot_is_one_stream_and_the_same_files(self):
         views = [{"frame": 0, "view": [0, 10], "fovea": [18, 18, 10], "rate": 8, "step": 0},

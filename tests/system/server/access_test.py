@@ -70,19 +70,26 @@ class Certificates(fovead.FoveadTest):
 
     def test_plaintext_and_other_authorities_are_refused(self):
         with self.serve_tls() as server:
-            self.refused(1, "info", "--server", server.address, says=[server.address])
+            self.refused(1, "info", "--server", server.address,
+                         says=[server.address, "--tls-ca is needed here"])
             result = self.ask(server, self.new)
             self.assertEqual(result.returncode, 1)
             self.assertTrue(result.stderr.startswith("fovea: server " + server.address))
-            self.assertIn("--tls-ca", result.stderr)
+            self.assertIn("--tls-ca: it does not hold the authority", result.stderr)
+            self.refused(1, "info", "--server", f"localhost:{server.port}", "--tls-ca", self.old,
+                         says=["--server: give a name that the server's certificate is for"])
+        with self.serve() as server:
+            self.refused(1, "info", "--server", server.address, "--tls-ca", self.old,
+                         says=["--tls-ca: this server has no TLS"])
 
     def test_clients_show_a_certificate_where_one_is_asked_for(self):
         certificate, key = fovead.make_certificate(self.folder, "me", self.new)
         stranger, its_key = fovead.make_certificate(self.folder, "stranger", self.old)
         with self.serve_tls("--tls-client-ca", self.new) as server:
-            self.assertFalse(self.answers(server, self.old))
-            self.assertFalse(self.answers(server, self.old, "--tls-cert", stranger, "--tls-key",
-                                          its_key))
+            for flags in ((), ("--tls-cert", stranger, "--tls-key", its_key)):
+                result = self.ask(server, self.old, *flags)
+                self.assertEqual(result.returncode, 1)
+                self.assertIn("--tls-cert and --tls-key, too", result.stderr)
             self.assertTrue(self.answers(server, self.old, "--tls-cert", certificate, "--tls-key",
                                          key))
 

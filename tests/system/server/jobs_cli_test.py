@@ -95,6 +95,27 @@ class Jobs(support.FoveaTest):
             self.refused(1, "jobs", "export", "ball", "-o", "turn.#.png", "--animation",
                          self.folder / "none", *to, says=["--animation", "none"])
 
+    def test_an_orbit_goes_along(self):
+        with self.serve() as server:
+            to = ("--server", server.address)
+            for name, flags in (("own", ("--orbit-frames", 3)), ("steps", ("--view", "20,10")),
+                                ("eye", ("--eye", "-40,9,9", "--orbit-frames", 3))):
+                flags = ("--orbit", 90, *flags, "--size", "32x32")
+                self.fovea("jobs", "export", "ball", "-o", f"{name}.#.png", *flags, *to, "--watch")
+                self.fovea("export", self.folder / "root/ball.zarr", "-o",
+                           self.folder / f"{name}.#.png", *flags)
+                for frame in range(3):
+                    self.assertEqual((self.folder / f"out/{name}.{frame}.png").read_bytes(),
+                                     (self.folder / f"{name}.{frame}.png").read_bytes())
+            orbit = ("--orbit", 90, "-o", "no.#.png")
+            self.refused(2, "jobs", "export", "ball", *orbit, "--animation", "shot.json", *to,
+                         says=["--animation", "--orbit"])
+            self.refused(2, "jobs", "export", "ball", "-o", "no.#.png", "--orbit-frames", 9, *to,
+                         says=["--orbit"])
+            self.refused(1, "jobs", "export", "ball", *orbit, "--eye", "-40,9,9", "--orbit-frames",
+                         100_000, *to, says=["--orbit-frames", "512 KiB"])
+            self.refused(1, "jobs", "export", "nothing", *orbit, *to, says=["nothing"])
+
     def test_a_job_is_cancelled_and_its_watch_says_so(self):
         with self.serve() as server:
             to = ("--server", server.address)

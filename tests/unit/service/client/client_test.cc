@@ -59,6 +59,36 @@ TEST_F(ClientTest, AFrameIsTheSameAsInProcess) {
   EXPECT_EQ(frame.stats.coefficients, expected.stats.coefficients);
 }
 
+TEST_F(ClientTest, APlanIsWhatTheFrameThenCosts) {
+  ASSERT_OK_AND_ASSIGN(const frames::FramePlan plan, client_->PlanFrame("plume", 2, Spec(), {}));
+  ASSERT_OK_AND_ASSIGN(const frames::Frame frame, client_->RenderFrame("plume", 2, Spec()));
+  EXPECT_EQ(plan.used, frame.used);
+  EXPECT_EQ(plan.coefficients, frame.stats.coefficients);
+  EXPECT_EQ(plan.bytes_read, frame.stats.bytes_read);
+  frames::FrameSpec spec = Spec();
+  spec.rate.reset();
+  frames::FrameBudget budget;
+  const auto rate = [&] {  // 0: none
+    const auto within = client_->PlanFrame("plume", 2, spec, budget);
+    return within.ok() ? within->used.rate->x : 0;
+  };
+  budget.ms = 1e6;
+  EXPECT_EQ(rate(), 40);  // all
+  budget.coefficients = plan.coefficients;
+  EXPECT_EQ(rate(), 12);
+  budget.bytes_read = plan.bytes_read - 1;
+  EXPECT_LT(rate(), 12);
+  budget = {};
+  budget.memory_bytes = plan.counts.memory_bytes;
+  EXPECT_GE(rate(), 12);
+  EXPECT_LT(rate(), 40);
+  budget.coefficients = 1;
+  EXPECT_THAT(client_->PlanFrame("plume", 2, spec, budget),
+              FailsWith(absl::StatusCode::kResourceExhausted, "at rate 1"));
+  EXPECT_THAT(client_->PlanFrame("nothing", 2, {}, {}),
+              FailsWith(absl::StatusCode::kNotFound, "'nothing'"));
+}
+
 TEST_F(ClientTest, FoveatedFramesOfASequenceExpandToItsPictures) {
   SequenceRequest request;
   request.dataset = "plume";

@@ -297,7 +297,10 @@ TEST_F(JobRunnerTest, AFullStateFolderRefusesJobsAndStopsNone) {
   std::ofstream(folder_.Path("state/filler")) << std::string(1 << 20, 'x');
   EXPECT_THAT(Ingest("s_##.raw", kRaw).status(),
               FailsWith(absl::StatusCode::kResourceExhausted, "disk is full"));
-  Until(job, [](const Job& now) { return now.progress.done == 1; });
+  // What it has done is told though its end cannot be written.
+  const Job made = Until(job, [](const Job& now) { return now.progress.done == 1; });
+  EXPECT_EQ(made.progress.done, 1);
+  EXPECT_FALSE(IsEnd(made.state));
   disk.Grow();
   EXPECT_EQ(Ended(job).state, State::kDone);
   EXPECT_OK(Ingest("s_##.raw", kRaw).status());

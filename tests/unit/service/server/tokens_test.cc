@@ -144,6 +144,7 @@ TEST_F(TokensTest, OutsideItsPrefixNothingIsThere) {
     const Status nothing = GetAs("everything", "nothing");
     EXPECT_THAT(got, FailsWith(absl::StatusCode::kNotFound, dataset));
     EXPECT_EQ(got, rendered);
+    EXPECT_EQ(RenderAs("everything", "nothing"), nothing);
     std::string message(MessageOf(got));
     message.replace(message.find(dataset), std::string(dataset).size(), "nothing");
     EXPECT_EQ(message, MessageOf(nothing));
@@ -193,6 +194,24 @@ TEST_F(TokensTest, QuotasAreHeldAndGivenBack) {
   EXPECT_THAT(GetAs("lab", "lab/other"),
               FailsWith(absl::StatusCode::kResourceExhausted, "5 bytes in a second"));
   EXPECT_OK(RenderAs("everything", "plume"));
+}
+
+// Of this quota one frame makes a debt of a quarter of an hour.
+TEST_F(TokensTest, PixelsOfARefusedFrameAreGivenBack) {
+  server_.reset();
+  tokens_[1].quotas.pixels_per_second = 1;
+  Write();
+  memory_limit_ = "512MiB";
+  StartServer(2, 64, File());
+  v1::RenderFrameRequest request;
+  request.set_dataset("lab/other");
+  *request.mutable_spec() = SmallSpec(v1::PNG, 1700);
+  v1::Frame frame;
+  EXPECT_THAT(wire::FromGrpc(render_->RenderFrame(As("lab").get(), request, &frame)),
+              FailsWith(absl::StatusCode::kResourceExhausted, "while it is worked on"));
+  EXPECT_OK(RenderAs("lab", "lab/other"));
+  EXPECT_THAT(RenderAs("lab", "lab/other"),
+              FailsWith(absl::StatusCode::kResourceExhausted, "1 pixels a second"));
 }
 
 TEST_F(TokensTest, AcknowledgementsAreFree) {

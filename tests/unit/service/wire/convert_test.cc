@@ -1,5 +1,6 @@
 #include "service/wire/convert.h"
 
+#include <functional>
 #include <limits>
 #include <vector>
 
@@ -352,6 +353,8 @@ DatasetSummary SmallDataset() {
   summary.info.hierarchy = *Hierarchy::Make({10, 20, 30});
   summary.info.committed_steps = 3;
   summary.info.fields = {{"density", "float32", -1, 2.5}, {"heat", "float32", 0, 9}};
+  summary.info.fields[1].lost_steps = {0, 2};
+  summary.info.clock = "unix";
   summary.info.default_field = "heat";
   summary.info.index_to_world.m[3] = 12.5;
   summary.info.world_unit = "m";
@@ -372,6 +375,7 @@ TEST(DatasetTest, ComesBackIdentical) {
   EXPECT_EQ(back.info.wavelet, "haar");
   EXPECT_EQ(back.info.index_to_world, sent.info.index_to_world);
   EXPECT_EQ(back.info.world_unit, sent.info.world_unit);
+  EXPECT_EQ(back.info.clock, "unix");
   EXPECT_EQ(back.first_time_ns, -3);
   EXPECT_EQ(back.last_time_ns, 40);
   EXPECT_EQ(back.default_spec, sent.default_spec);
@@ -384,6 +388,60 @@ TEST(DatasetTest, NonsenseIsRefused) {
   proto = ToProto(SmallDataset());
   proto.mutable_index_to_world()->RemoveLast();
   EXPECT_THAT(FromProto(proto), FailsWith(absl::StatusCode::kInternal, "16 finite numbers"));
+  for (const uint64_t step : {1, 3}) {  // out of order; not committed
+    proto = ToProto(SmallDataset());
+    proto.mutable_fields(1)->add_lost_steps(step);
+    EXPECT_THAT(FromProto(proto), FailsWith(absl::StatusCode::kInternal, "of 'heat' is out of"));
+  }
+}
+
+frames::FramePlan SmallPlan() {
+  frames::FramePlan plan;
+  plan.used = FullSpec();
+  plan.coefficients = 1000;
+  plan.chunks_read = 7;
+  plan.chunks_total = 9;
+  plan.bytes_read = 12345;
+  plan.counts.super_voxels = 990;
+  plan.counts.samples = 5000;
+  plan.counts.memory_bytes = int64_t{1} << 40;
+  plan.threads = 3;
+  plan.time = {1, 2.5, 3, 4};
+  plan.warnings = {{"coarser there", 0, frames::Warning::Code::kNotRetained}};
+  return plan;
+}
+
+TEST(PlanTest, ComesBackIdentical) {
+  const frames::FramePlan sent = SmallPlan();
+  ASSERT_OK_AND_ASSIGN(const frames::FramePlan back, FromProto(ToProto("plume", 2, sent)));
+  EXPECT_EQ(back.used, sent.used);
+  EXPECT_EQ(back.coefficients, 1000U);
+  EXPECT_EQ(back.chunks_read, 7U);
+  EXPECT_EQ(back.chunks_total, 9U);
+  EXPECT_EQ(back.bytes_read, 12345U);
+  EXPECT_EQ(back.counts.super_voxels, 990);
+  EXPECT_EQ(back.counts.samples, 5000);
+  EXPECT_EQ(back.counts.memory_bytes, int64_t{1} << 40);
+  EXPECT_EQ(back.threads, 3);
+  EXPECT_EQ(back.time.reconstruct_ms, 2.5);
+  EXPECT_EQ(back.time.Total(), 10.5);
+  ASSERT_EQ(back.warnings.size(), 1U);
+  EXPECT_EQ(back.warnings[0].message, "coarser there");
+  EXPECT_EQ(back.warnings[0].code, frames::Warning::Code::kNotRetained);
+}
+
+TEST(PlanTest, NonsenseIsRefused) {
+  const v1::FramePlan good = ToProto("plume", 2, SmallPlan());
+  const auto refuses = [&](const std::function<void(v1::FramePlan*)>& spoil) {
+    v1::FramePlan proto = good;
+    spoil(&proto);
+    EXPECT_EQ(FromProto(proto).status().code(), absl::StatusCode::kInternal);
+  };
+  refuses([](auto* proto) { proto->set_samples(~uint64_t{0}); });
+  refuses([](auto* proto) { proto->set_read_ms(-1); });
+  refuses([](auto* proto) { proto->set_render_ms(std::numeric_limits<double>::infinity()); });
+  refuses([](auto* proto) { proto->set_threads(0); });
+  refuses([](auto* proto) { proto->mutable_used()->set_rate(-1); });
 }
 
 TEST(StatusTest, DetailsTravel) {

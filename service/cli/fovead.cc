@@ -1,3 +1,5 @@
+// The command line of fovead.
+
 #include <unistd.h>
 
 #include <chrono>
@@ -11,12 +13,15 @@
 #include <spdlog/spdlog.h>
 
 #include "engine/base/status.h"
+#include "service/cli/checks.h"
 #include "service/server/acceptor.h"
 #include "service/server/log.h"
 #include "service/server/server.h"
 
-namespace fovea::server {
+namespace fovea::cli {
 namespace {
+
+using server::Server;
 
 constexpr int kExitFailed = 1;
 constexpr int kExitUsage = 2;
@@ -36,7 +41,7 @@ constexpr char kFooter[] =
     "Exit status: 0 stopped cleanly, 1 failed, 2 wrong usage.";
 
 struct Flags {
-  ServerOptions server;
+  server::ServerOptions server;
   int drain_delay_seconds = 0;
   int drain_seconds = 30;
   std::string log_level = "info";
@@ -78,7 +83,8 @@ void AddWritingFlags(CLI::App& app, Flags* flags) {
                  "Exports write below this folder (CreateExport)")
       ->type_name("DIR");
   app.add_option("--jobs", flags->server.jobs, "Jobs that run at once")
-      ->check(CLI::Range(1, 64))
+      ->check(Whole(1, 64))
+      ->type_name("N")
       ->capture_default_str();
 }
 
@@ -101,30 +107,36 @@ void AddFlags(CLI::App& app, Flags* flags) {
       ->type_name("16GB|50%")
       ->capture_default_str();
   app.add_option("--threads", flags->server.threads, "Threads that render; 0: all processors")
-      ->check(CLI::Range(0, 1024))
+      ->check(Whole(0, 1024))
+      ->type_name("N")
       ->capture_default_str();
   app.add_option("--render-queue", flags->server.render_queue,
                  "Calls that may wait to be rendered; more are refused (RESOURCE_EXHAUSTED)")
-      ->check(CLI::Range(1, 100'000))
+      ->check(Whole(1, 100'000))
+      ->type_name("N")
       ->capture_default_str();
   app.add_option("--max-connections", flags->server.max_connections,
                  "Connections that may be open, more are closed at once; 0: 1000, or half of what "
                  "ulimit -n allows")
-      ->check(CLI::Range(0, 1'000'000))
+      ->check(Whole(0, 1'000'000))
+      ->type_name("N")
       ->capture_default_str();
   app.add_option("--max-connections-per-address", flags->server.max_connections_per_address,
                  "Of these, from one IPv4 address or one /64 of IPv6")
-      ->check(CLI::Range(1, 1'000'000))
+      ->check(Whole(1, 1'000'000))
+      ->type_name("N")
       ->capture_default_str();
   app.add_option(
          "--drain-delay-seconds", flags->drain_delay_seconds,
          "How long calls are still taken after SIGTERM, while /readyz and the health service "
          "say no: until balancers have noticed")
-      ->check(CLI::Range(0, 3600))
+      ->check(Whole(0, 3600))
+      ->type_name("N")
       ->capture_default_str();
   app.add_option("--drain-seconds", flags->drain_seconds,
                  "How long running calls may go on after SIGTERM")
-      ->check(CLI::Range(0, 86'400))
+      ->check(Whole(0, 86'400))
+      ->type_name("N")
       ->capture_default_str();
   AddAccessFlags(app, flags);
   AddWritingFlags(app, flags);
@@ -165,19 +177,19 @@ int Serve(const Flags& flags) {
   const sigset_t stop = BlockStopSignals();
   signal(SIGPIPE, SIG_IGN);
   signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of its write
-  RaiseDescriptorLimit();
-  auto server = Server::Start(flags.server);
-  if (!server.ok()) {
-    fmt::print(stderr, "fovead: {}\n", MessageOf(server.status()));
-    return absl::IsInvalidArgument(server.status()) ? kExitUsage : kExitFailed;
+  server::RaiseDescriptorLimit();
+  auto running = Server::Start(flags.server);
+  if (!running.ok()) {
+    fmt::print(stderr, "fovead: {}\n", MessageOf(running.status()));
+    return absl::IsInvalidArgument(running.status()) ? kExitUsage : kExitFailed;
   }
-  fmt::print("fovead listening on grpc {}\n", (*server)->address());
-  if (const std::string admin = (*server)->admin_address(); !admin.empty()) {
+  fmt::print("fovead listening on grpc {}\n", (*running)->address());
+  if (const std::string admin = (*running)->admin_address(); !admin.empty()) {
     fmt::print("fovead admin on http {}\n", admin);
   }
   std::fflush(stdout);
-  spdlog::info("serving {} datasets below '{}' on {}", (*server)->dataset_count(),
-               flags.server.root, (*server)->address());
+  spdlog::info("serving {} datasets below '{}' on {}", (*running)->dataset_count(),
+               flags.server.root, (*running)->address());
 
   int signal_number = 0;
   sigwait(&stop, &signal_number);
@@ -185,13 +197,13 @@ int Serve(const Flags& flags) {
   if (flags.drain_delay_seconds > 0) {
     spdlog::info("{}: not ready any more; calls are taken for {} s", strsignal(signal_number),
                  flags.drain_delay_seconds);
-    (*server)->SayNotReady();
+    (*running)->SayNotReady();
     std::this_thread::sleep_for(std::chrono::seconds(flags.drain_delay_seconds));
   }
   spdlog::info("{}: no new calls; running ones may take {} s", strsignal(signal_number),
                flags.drain_seconds);
-  const int64_t cut = (*server)->Drain(std::chrono::seconds(flags.drain_seconds));
-  spdlog::info("stopped; {} frames rendered, {} calls cut short", (*server)->frames_rendered(),
+  const int64_t cut = (*running)->Drain(std::chrono::seconds(flags.drain_seconds));
+  spdlog::info("stopped; {} frames rendered, {} calls cut short", (*running)->frames_rendered(),
                cut);
   return 0;
 }
@@ -208,13 +220,14 @@ int Main(int argc, char** argv) {
     fmt::print(stderr, "fovead: {}\nRun with --help for more information.\n", error.what());
     return kExitUsage;
   }
-  SetUpLog(flags.log_level, flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
+  server::SetUpLog(flags.log_level, flags.log_format == "json" ? server::LogFormat::kJson
+                                                               : server::LogFormat::kText);
   return Serve(flags);
 }
 
 }  // namespace
-}  // namespace fovea::server
+}  // namespace fovea::cli
 
 int main(int argc, char** argv) {
-  return fovea::server::Main(argc, argv);
+  return fovea::cli::Main(argc, argv);
 }
