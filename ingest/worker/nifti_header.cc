@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -49,6 +50,15 @@ std::string Inflated(const std::string& packed, size_t most) {
   return bytes;
 }
 
+/// Whether a header says how many of its dimensions are used. libnifti believes what that of NIfTI-2
+/// says, and writes past the end of the others (nifti_convert_n2hdr2nim).
+bool HasDimensions(const nifti_2_header& header) {
+  const bool swapped = header.sizeof_hdr != static_cast<int32_t>(sizeof(header));
+  const auto said = static_cast<uint64_t>(header.dim[0]);
+  const uint64_t used = swapped ? __builtin_bswap64(said) : said;
+  return used >= 1 && used < std::size(header.dim);
+}
+
 /// What libnifti makes of the bytes of a header; it touches no file.
 StatusOr<Image> Understood(const std::string& bytes) {
   ::nifti_set_debug_level(0);
@@ -62,7 +72,7 @@ StatusOr<Image> Understood(const std::string& bytes) {
   if (second && bytes.size() >= sizeof(nifti_2_header)) {
     nifti_2_header header;
     std::memcpy(&header, bytes.data(), sizeof(header));
-    image = ::nifti_convert_n2hdr2nim(header, nullptr);
+    image = HasDimensions(header) ? ::nifti_convert_n2hdr2nim(header, nullptr) : nullptr;
   } else if (!second && bytes.size() >= sizeof(nifti_1_header)) {
     nifti_1_header header;
     std::memcpy(&header, bytes.data(), sizeof(header));
