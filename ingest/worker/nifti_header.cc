@@ -50,13 +50,27 @@ std::string Inflated(const std::string& packed, size_t most) {
   return bytes;
 }
 
-/// Whether a header says how many of its dimensions are used. libnifti believes what that of NIfTI-2
-/// says, and writes past the end of the others (nifti_convert_n2hdr2nim).
-bool HasDimensions(const nifti_2_header& header) {
+/// The version that libnifti takes a header for by its magic; 0: Analyze.
+char VersionOf(const char* magic) {
+  const bool is_nifti = magic[0] == 'n' && (magic[1] == 'i' || magic[1] == '+') && magic[3] == '\0';
+  return is_nifti ? magic[2] : '0';
+}
+
+/// libnifti believes what a header says of its dimensions and, in the other byte order, of its
+/// version: it writes past the dimensions that there are, or leaves them in the wrong order. Only
+/// what it is made for is handed to it.
+bool IsSound(const nifti_1_header& header) {
+  const char version = VersionOf(header.magic);
+  const auto said = static_cast<uint16_t>(header.dim[0]);
+  const auto fits = [](uint16_t used) { return used < std::size(nifti_1_header().dim); };
+  return (version == '0' || version == '1') && (fits(said) || fits(__builtin_bswap16(said)));
+}
+
+bool IsSound(const nifti_2_header& header) {
   const bool swapped = header.sizeof_hdr != static_cast<int32_t>(sizeof(header));
   const auto said = static_cast<uint64_t>(header.dim[0]);
   const uint64_t used = swapped ? __builtin_bswap64(said) : said;
-  return used >= 1 && used < std::size(header.dim);
+  return VersionOf(header.magic) == '2' && used >= 1 && used < std::size(header.dim);
 }
 
 /// What libnifti makes of the bytes of a header; it touches no file.
@@ -72,11 +86,11 @@ StatusOr<Image> Understood(const std::string& bytes) {
   if (second && bytes.size() >= sizeof(nifti_2_header)) {
     nifti_2_header header;
     std::memcpy(&header, bytes.data(), sizeof(header));
-    image = HasDimensions(header) ? ::nifti_convert_n2hdr2nim(header, nullptr) : nullptr;
+    image = IsSound(header) ? ::nifti_convert_n2hdr2nim(header, nullptr) : nullptr;
   } else if (!second && bytes.size() >= sizeof(nifti_1_header)) {
     nifti_1_header header;
     std::memcpy(&header, bytes.data(), sizeof(header));
-    image = ::nifti_convert_n1hdr2nim(header, nullptr);
+    image = IsSound(header) ? ::nifti_convert_n1hdr2nim(header, nullptr) : nullptr;
   } else {
     return DataLoss("is cut short within its header");
   }
