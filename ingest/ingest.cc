@@ -8,7 +8,6 @@
 #include <thread>
 #include <utility>
 
-#include "engine/base/buffers.h"
 #include "engine/base/parallel.h"
 #include "engine/base/stopwatch.h"
 #include "engine/store/dataset_writer.h"
@@ -462,7 +461,6 @@ StatusOr<PlannedSeries> PlanIngest(const IngestOptions& options, const ProgressC
 StatusOr<IngestReport> IngestGiven(const IngestOptions& options, const Given& given,
                                    const ProgressCallback& progress) {
   FOVEA_RETURN_IF_ERROR(CheckIngestOptions(options));
-  KeepFreedMemory();
   const std::jthread scheduler = StartScheduler();  // while the files are looked through
   Run run(options, given, progress);
   const Status status = run.Execute(/*from_voxels=*/false);

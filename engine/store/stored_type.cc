@@ -15,11 +15,12 @@ HWY_BEFORE_NAMESPACE();
 namespace fovea::store::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Calls body(d, i) for i in [0, count) in vectors as long as there are, then singly.
-template <typename Body>
+/// Calls body(d, i) for i in [0, count), d a tag of lanes of type T: in vectors as long as there
+/// are, then singly.
+template <typename T, typename Body>
 HWY_INLINE void ForVectors(size_t count, const Body& body) {
-  const hn::ScalableTag<float> d;
-  const hn::CappedTag<float, 1> d1;
+  const hn::ScalableTag<T> d;
+  const hn::CappedTag<T, 1> d1;
   size_t i = 0;
   for (const size_t n = hn::Lanes(d); i + n <= count; i += n) {
     body(d, i);
@@ -52,7 +53,7 @@ uint32_t LargestBitsKernel(const float* values, size_t count) {
 template <typename T>
 HWY_INLINE bool Pack(const float* values, size_t count, float scale, float most, T* out) {
   bool fits = true;
-  ForVectors(count, [&](auto d, size_t i) HWY_ATTR {
+  ForVectors<float>(count, [&](auto d, size_t i) HWY_ATTR {
     const hn::Rebind<T, decltype(d)> to;
     const auto v = hn::LoadU(d, values + i);
     const auto ratio = hn::Div(v, hn::Set(d, scale));
@@ -78,7 +79,7 @@ bool Pack32Kernel(const float* values, size_t count, float scale, float most, in
 }
 
 void Unpack16Kernel(const int16_t* stored, size_t count, float scale, float* values) {
-  ForVectors(count, [=](auto d, size_t i) HWY_ATTR {
+  ForVectors<float>(count, [=](auto d, size_t i) HWY_ATTR {
     const hn::Rebind<int16_t, decltype(d)> from;
     const hn::Rebind<int32_t, decltype(d)> wide;
     const auto whole = hn::PromoteTo(wide, hn::LoadU(from, stored + i));
@@ -87,30 +88,16 @@ void Unpack16Kernel(const int16_t* stored, size_t count, float scale, float* val
 }
 
 void Unpack32Kernel(const int32_t* stored, size_t count, float scale, float* values) {
-  ForVectors(count, [=](auto d, size_t i) HWY_ATTR {
+  ForVectors<float>(count, [=](auto d, size_t i) HWY_ATTR {
     const hn::Rebind<int32_t, decltype(d)> from;
     const auto whole = hn::LoadU(from, stored + i);
     hn::StoreU(hn::Mul(hn::ConvertTo(d, whole), hn::Set(d, scale)), d, values + i);
   });
 }
 
-/// Calls body(d, i) like ForVectors, for numbers of type T.
-template <typename T, typename Body>
-HWY_INLINE void ForNumbers(size_t count, const Body& body) {
-  const hn::ScalableTag<T> d;
-  const hn::CappedTag<T, 1> d1;
-  size_t i = 0;
-  for (const size_t n = hn::Lanes(d); i + n <= count; i += n) {
-    body(d, i);
-  }
-  for (; i < count; ++i) {
-    body(d1, i);
-  }
-}
-
 template <typename T>
 HWY_INLINE void Fold(const T* in, size_t count, T* out) {
-  ForNumbers<T>(count, [=](auto d, size_t i) HWY_ATTR {
+  ForVectors<T>(count, [=](auto d, size_t i) HWY_ATTR {
     const auto v = hn::LoadU(d, in + i);
     hn::StoreU(hn::Xor(hn::Add(v, v), hn::ShiftRight<8 * sizeof(T) - 1>(v)), d, out + i);
   });
@@ -118,7 +105,7 @@ HWY_INLINE void Fold(const T* in, size_t count, T* out) {
 
 template <typename T>
 HWY_INLINE void Unfold(size_t count, T* numbers) {
-  ForNumbers<T>(count, [=](auto d, size_t i) HWY_ATTR {
+  ForVectors<T>(count, [=](auto d, size_t i) HWY_ATTR {
     const hn::RebindToUnsigned<decltype(d)> bits;
     const auto v = hn::LoadU(d, numbers + i);
     const auto magnitude = hn::BitCast(d, hn::ShiftRight<1>(hn::BitCast(bits, v)));
@@ -141,7 +128,7 @@ void Unfold32Kernel(size_t count, int32_t* numbers) {
 
 bool RoundKernel(size_t count, float scale, float most, float* values) {
   bool fits = true;
-  ForVectors(count, [&](auto d, size_t i) HWY_ATTR {
+  ForVectors<float>(count, [&](auto d, size_t i) HWY_ATTR {
     const auto ratio = hn::Div(hn::LoadU(d, values + i), hn::Set(d, scale));
     fits = fits && hn::AllTrue(d, hn::Le(hn::Abs(ratio), hn::Set(d, most)));
     hn::StoreU(hn::Mul(hn::Round(ratio), hn::Set(d, scale)), d, values + i);

@@ -7,6 +7,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "engine/base/buffers.h"
 #include "engine/store/merge.h"
 #include "ingest/parts.h"
 #include "ingest/watch.h"
@@ -178,6 +179,7 @@ Status Run(const IngestCommand& asked) {
   if (!asked.plan.empty()) {
     return MakePlan(asked);
   }
+  KeepFreedMemory();
   IngestCommand command = asked;
   const Stopwatch watch;
   if (!command.ingest.append) {

@@ -14,6 +14,7 @@
 
 #include <sched.h>
 
+#include "engine/base/buffers.h"
 #include "service/jobs/run_job.h"
 
 /// fovea-job: does one job of fovead, which starts it; not for people. The request comes on the
@@ -91,6 +92,9 @@ int Main(int argc, char** argv) {
     return 2;
   }
   SetUpProcess(arguments.parent);
+  if (arguments.kind == Kind::kIngestFiles) {
+    KeepFreedMemory();
+  }
   const std::string request{std::istreambuf_iterator<char>(std::cin), {}};
   const Status status = RunJob(arguments.kind, request, arguments.folders, arguments.threads,
                                {Tell, [] { return stop_asked.load(); }});

@@ -2,10 +2,7 @@
 
 #include <chrono>
 #include <memory>
-#include <mutex>
 #include <utility>
-
-#include <grpcpp/alarm.h>
 
 #include "service/server/admission.h"
 #include "service/server/live_stream.h"
@@ -55,40 +52,15 @@ class ReadingsReactor final
   const std::shared_ptr<LiveStream> stream_;
 };
 
-/// Looks after a stream's OnTick until it, or the stream, is over.
-class Ticker : public std::enable_shared_from_this<Ticker> {
- public:
-  explicit Ticker(std::weak_ptr<UploadStream> stream) : stream_(std::move(stream)) {}
-
-  void Start() {
-    const std::lock_guard lock(mutex_);
-    if (!stopped_) {
-      alarm_ = std::make_unique<grpc::Alarm>();
-      alarm_->Set(std::chrono::system_clock::now() + UploadStream::kTick,
-                  [self = shared_from_this()](bool rang) { self->Ring(rang); });
+/// Looks after a stream's OnTick until it is over.
+void KeepTicking(Timer& timer, std::weak_ptr<UploadStream> stream) {
+  timer.After(UploadStream::kTick, [&timer, weak = std::move(stream)] {
+    const auto ticked = weak.lock();
+    if (ticked != nullptr && ticked->OnTick(UploadStream::Clock::now())) {
+      KeepTicking(timer, ticked);
     }
-  }
-  void Stop() {
-    const std::lock_guard lock(mutex_);
-    stopped_ = true;
-    if (alarm_ != nullptr) {
-      alarm_->Cancel();
-    }
-  }
-
- private:
-  void Ring(bool rang) {
-    const auto stream = stream_.lock();
-    if (rang && stream != nullptr && stream->OnTick(UploadStream::Clock::now())) {
-      Start();
-    }
-  }
-
-  const std::weak_ptr<UploadStream> stream_;
-  std::mutex mutex_;
-  bool stopped_ = false;                // guarded by mutex_
-  std::unique_ptr<grpc::Alarm> alarm_;  // likewise
-};
+  });
+}
 
 /// An UploadStream on gRPC, as ReadingsReactor.
 class UploadReactor final : public grpc::ServerReadReactor<v1::UploadStepRequest>,
@@ -96,16 +68,14 @@ class UploadReactor final : public grpc::ServerReadReactor<v1::UploadStepRequest
  public:
   UploadReactor(Services& services, const grpc::CallbackServerContext& context,
                 v1::UploadStepResponse* response)
-      : response_(response),
-        stream_(std::make_shared<UploadStream>(services, *this)),
-        ticker_(std::make_shared<Ticker>(stream_)) {
+      : response_(response), stream_(std::make_shared<UploadStream>(services, *this)) {
     auto admission = Admit(services, context, {.right = access::Right::kWrite, .stream = true});
     if (!admission.ok()) {
       stream_->Start(admission.status(), nullptr);
       return;
     }
     admission_ = *std::move(admission);
-    ticker_->Start();
+    KeepTicking(services.timer, stream_);
     stream_->Start(absl::OkStatus(), admission_.caller);
   }
 
@@ -122,17 +92,13 @@ class UploadReactor final : public grpc::ServerReadReactor<v1::UploadStepRequest
     }
   }
   void OnCancel() override { stream_->OnCancel(); }
-  void OnDone() override {
-    ticker_->Stop();
-    delete this;
-  }
+  void OnDone() override { delete this; }
 
  private:
   Admission admission_;
   v1::UploadStepRequest request_;           // gRPC's while a read is under way
   v1::UploadStepResponse* const response_;  // gRPC's; written before Finish
   const std::shared_ptr<UploadStream> stream_;
-  const std::shared_ptr<Ticker> ticker_;
 };
 
 }  // namespace

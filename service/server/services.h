@@ -56,7 +56,7 @@ struct Services {
   WorkPool renders;
   WorkPool lookups;  // reads metadata, then hands over to `renders`
   WorkPool ingests;  // sorts readings and commits steps
-  Timer timer;       // for streams whose clients are held back
+  Timer timer;       // for streams that are held back, or look after themselves
 };
 
 /// The error of a call that comes while the server drains.
